@@ -12,8 +12,8 @@ use crate::{
         requests::Context,
     },
     coe::{
-        AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, Readable, SdoError,
-        SdoHandle, obj,
+        AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, ReadWrite, Readable,
+        SdoError, SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
     parameters::is_parameter,
@@ -59,21 +59,24 @@ struct HeldLimits {
 }
 
 impl HeldLimits {
-    /// Takes those of these objects from an earlier start.
-    fn replace(&mut self, before: &Self, is_one: impl Fn(ObjectAddress) -> bool) {
-        let [min, max] = [obj::SOFTWARE_LIMIT_MIN, obj::SOFTWARE_LIMIT_MAX];
-        let [lowest, highest] = [obj::POSITION_RANGE_MIN, obj::POSITION_RANGE_MAX];
-        let ([own_min, own_max], [own_lowest, own_highest]) =
-            (&mut self.software, &mut self.position_range);
-        for (object, own, before) in [
-            (min, own_min, before.software[0]),
-            (max, own_max, before.software[1]),
-            (lowest, own_lowest, before.position_range[0]),
-            (highest, own_highest, before.position_range[1]),
-            (obj::HOME_OFFSET, &mut self.home_offset, before.home_offset),
-        ] {
+    /// The objects of positions, each with its place.
+    const fn positions(&mut self) -> [(Object<i32, ReadWrite>, &mut Option<i32>); 5] {
+        let [min, max] = &mut self.software;
+        let [lowest, highest] = &mut self.position_range;
+        [
+            (obj::SOFTWARE_LIMIT_MIN, min),
+            (obj::SOFTWARE_LIMIT_MAX, max),
+            (obj::POSITION_RANGE_MIN, lowest),
+            (obj::POSITION_RANGE_MAX, highest),
+            (obj::HOME_OFFSET, &mut self.home_offset),
+        ]
+    }
+
+    /// Takes from an earlier start what these objects held then.
+    fn replace(&mut self, mut before: Self, is_one: impl Fn(ObjectAddress) -> bool) {
+        for ((object, place), (_, before)) in self.positions().into_iter().zip(before.positions()) {
             if is_one(object.address()) {
-                *own = before;
+                *place = *before;
             }
         }
         if is_one(obj::MAX_PROFILE_VELOCITY.address()) {
@@ -210,7 +213,7 @@ impl Drive {
             axis.outputs.clone_from(&before.outputs);
             // Limits that go out are again what they were at the first start.
             let (outputs, offset) = (&axis.outputs, axis.offset);
-            axis.held.replace(&before.held, |object| {
+            axis.held.replace(before.held, |object| {
                 let object = ObjectAddress::new(offset.apply(object.index), object.subindex);
                 outputs.iter().any(|(output, _)| *output == object)
             });
@@ -411,14 +414,9 @@ impl Due<'_> {
     }
 
     async fn read_limits(&self, held: &mut HeldLimits) -> Result<(), StepError> {
-        let [min, max] = &mut held.software;
-        self.read_into(min, obj::SOFTWARE_LIMIT_MIN).await?;
-        self.read_into(max, obj::SOFTWARE_LIMIT_MAX).await?;
-        let [min, max] = &mut held.position_range;
-        self.read_into(min, obj::POSITION_RANGE_MIN).await?;
-        self.read_into(max, obj::POSITION_RANGE_MAX).await?;
-        let object = obj::HOME_OFFSET;
-        self.read_into(&mut held.home_offset, object).await?;
+        for (object, place) in held.positions() {
+            self.read_into(place, object).await?;
+        }
         let object = obj::MAX_PROFILE_VELOCITY;
         self.read_into(&mut held.max_velocity, object).await
     }

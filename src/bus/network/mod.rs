@@ -310,9 +310,9 @@ impl Network {
     /// with inputs and outputs, that [`NetworkEvent::LeftOp`] or [`NetworkEvent::Lost`] has named. All others go on meanwhile.
     ///
     /// Nothing moves by it, and nothing is switched on. What was pending on the axes of the drive ends as
-    /// [`BusLost`](crate::axis::Failure::BusLost) before it is in OP, if it had not ended by then; its outputs are those of
-    /// an axis that is switched off, and what the program sets in them beside goes out as after the start, until it is set again. Handles stay
-    /// valid; the axes are enabled by [`Axis::enable`]. Outputs of a device that is no drive are 0 until they are set again.
+    /// [`BusLost`](crate::axis::Failure::BusLost) before it is in OP, if it had not ended by then. Its outputs are those of
+    /// an axis that is switched off. What the program sets in them beside goes out as after the start, until it is set again. Handles stay
+    /// valid, and the axes are enabled by [`Axis::enable`]. Outputs of a device that is no drive are 0 until they are set again.
     ///
     /// Its progress is reported as at the start ([`NetworkBuilder::on_progress`](crate::bus::NetworkBuilder::on_progress)), where this is awaited. Several
     /// devices can be brought back at the same time; of one device, one call comes after the other. When the future is dropped
