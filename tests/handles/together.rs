@@ -298,6 +298,9 @@ fn a_waker_may_wait_for_a_group_while_another_is_submitted() {
         pp[1].abs(5_000, fast(10_000)),
     ]));
     let mut behind = pin!(pp[0].move_abs(6_000, fast(20_000)));
+    // It waits for the second axis with the parameters of the first.
+    let slow = &machine.stations[1].sdo.slow_writes;
+    slow.store(true, Ordering::Relaxed);
     let mut started = None;
     for _ in 0..200 {
         started = started.or_else(|| group.poll());
