@@ -62,7 +62,14 @@ impl Change {
                         Some(AbortCode::READ_ONLY | AbortCode::UNSUPPORTED_ACCESS)
                     ) =>
             {
-                execute(&self.plan.without_assignment(), sdo).await
+                let fills = |step: &&MappingWrite| {
+                    let purpose = &step.purpose;
+                    matches!(
+                        purpose,
+                        Purpose::EmptyPdo | Purpose::Map(_) | Purpose::ClosePdo
+                    )
+                };
+                write(self.plan.steps().iter().filter(fills), sdo).await
             }
             result => result,
         }
@@ -136,7 +143,14 @@ fn is<T>(
 /// # Errors
 /// [`ConfigureError::Refused`] with the step and the drive's reason.
 pub async fn execute(plan: &Plan, sdo: &SdoHandle) -> Result<(), ConfigureError> {
-    for step in plan.steps() {
+    write(plan.steps().iter(), sdo).await
+}
+
+async fn write(
+    steps: impl Iterator<Item = &MappingWrite>,
+    sdo: &SdoHandle,
+) -> Result<(), ConfigureError> {
+    for step in steps {
         let (index, subindex) = (step.object.index, step.object.subindex);
         sdo.write_bytes(index, subindex, step.value().to_vec())
             .await

@@ -696,19 +696,6 @@ impl Plan {
         Self { steps }
     }
 
-    /// The writes that fill PDOs, for a drive whose assignment cannot be written.
-    pub(super) fn without_assignment(&self) -> Self {
-        let filling = |step: &&MappingWrite| {
-            matches!(
-                step.purpose,
-                Purpose::EmptyPdo | Purpose::Map(_) | Purpose::ClosePdo
-            )
-        };
-        Self {
-            steps: self.steps.iter().filter(filling).copied().collect(),
-        }
-    }
-
     /// The writes, in order.
     #[must_use]
     pub fn steps(&self) -> &[MappingWrite] {
