@@ -453,6 +453,8 @@ impl AbortCode {
     pub const COMMAND: Self = Self(0x0504_0001);
     /// The access is not supported.
     pub const UNSUPPORTED_ACCESS: Self = Self(0x0601_0000);
+    /// Read of a write-only object.
+    pub const WRITE_ONLY: Self = Self(0x0601_0001);
     /// The object cannot be written.
     pub const READ_ONLY: Self = Self(0x0601_0002);
     /// The entry cannot be written while subindex 0 is not zero.

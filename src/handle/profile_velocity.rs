@@ -57,7 +57,7 @@ impl<U: AxisUnit> Axis<U> {
     /// # Errors
     /// [`Failure::ModeNotSupported`] where 6502h does not name mode 3. [`Failure::NotMapped`] if 60FFh is not mapped.
     /// [`AxisErrorKind::ModeInUse`] while another lease exists. Otherwise when the drive does not show the mode in time, the axis moves or is halted in
-    /// another mode, or the bus is lost.
+    /// another mode, the axis was stopped meanwhile, or the bus is lost.
     pub async fn profile_velocity(&self) -> Result<ProfileVelocity<U>, AxisError> {
         let shared = &self.handles.shared;
         let mode = Mode::ProfileVelocity;

@@ -71,7 +71,8 @@ impl ParameterObject {
 /// - the PDO mapping and its assignment, which every start writes anew.
 ///
 /// Such objects are in no backup and no restore writes them. The commands of CiA 402 are told by index and subindex, of each of eight
-/// axes. So the settings of a terminal's channels (8000h, 8010h and on, ETG.5001) are parameters.
+/// axes. So the settings of a terminal's channels (8000h, 8010h and on, ETG.5001) are parameters. Of other objects of a
+/// terminal those at 80C1h and 80FEh are left out, and those 800h and more further on.
 #[must_use]
 pub const fn is_parameter(object: ObjectAddress) -> bool {
     match object.index {

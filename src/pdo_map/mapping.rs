@@ -587,12 +587,12 @@ impl Entry {
     }
 
     /// Whether the entry holds no object: its index is 0, or it is a data type that stands for a gap (CiA 301, dummy entries: 0001h to
-    /// 0FFFh with subindex 0). An entry there with another subindex is an object: some devices have theirs at 0005h and 0006h.
+    /// 001Fh with subindex 0). An entry there with another subindex is an object: some devices have theirs at 0005h and 0006h.
     #[must_use]
     pub const fn is_padding(self) -> bool {
         match self.index {
             0 => true,
-            0x0001..=0x0FFF => self.subindex == 0,
+            0x0001..=0x001F => self.subindex == 0,
             _ => false,
         }
     }

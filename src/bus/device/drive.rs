@@ -12,8 +12,8 @@ use crate::{
         requests::Context,
     },
     coe::{
-        AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, ReadWrite, Readable,
-        SdoError, SdoHandle, obj,
+        AbortCode, AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, ReadWrite,
+        Readable, SdoError, SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
     parameters::is_parameter,
@@ -171,7 +171,10 @@ impl Drive {
                 // Longer than what a program can set.
                 Ok(_) => {}
                 // It can only be written.
-                Err(SdoError::Aborted { .. }) => {}
+                Err(SdoError::Aborted {
+                    code: AbortCode::WRITE_ONLY | AbortCode::UNSUPPORTED_ACCESS,
+                    ..
+                }) => {}
                 Err(error) => return Err(error).at(BringUpStep::Parameters),
             }
         }
@@ -218,6 +221,7 @@ impl Drive {
                 outputs.iter().any(|(output, _)| *output == object)
             });
             axis.settle_limits(declared)?;
+            axis.obey_outputs_of(before);
         }
         Ok(())
     }
@@ -352,6 +356,62 @@ impl Drive {
 }
 
 impl ReadyAxis {
+    /// Takes what the outputs bring again, of what the core goes by, from an earlier start.
+    fn obey_outputs_of(&mut self, before: &Self) {
+        let (outputs, offset) = (&self.outputs, self.offset);
+        let is_output = |index: u16| {
+            let index = offset.apply(index);
+            outputs.iter().any(|(object, _)| object.index == index)
+        };
+        let (own, first) = (&mut self.config, &before.config);
+        if is_output(0x605A) {
+            own.quick_stop = first.quick_stop;
+        }
+        let (stops, first_stops) = (&mut own.stop_options, &first.stop_options);
+        for (index, stop, first) in [
+            (0x605B, &mut stops.shutdown, first_stops.shutdown),
+            (
+                0x605C,
+                &mut stops.disable_operation,
+                first_stops.disable_operation,
+            ),
+            (0x605D, &mut stops.halt, first_stops.halt),
+            (
+                0x605E,
+                &mut stops.fault_reaction,
+                first_stops.fault_reaction,
+            ),
+        ] {
+            if is_output(index) {
+                *stop = first;
+            }
+        }
+        let (windows, first_windows) = (&mut own.velocity_windows, &first.velocity_windows);
+        for (index, window, first) in [
+            (0x606D, &mut windows.window, first_windows.window),
+            (0x606E, &mut windows.window_ms, first_windows.window_ms),
+            (0x606F, &mut windows.threshold, first_windows.threshold),
+            (
+                0x6070,
+                &mut windows.threshold_ms,
+                first_windows.threshold_ms,
+            ),
+        ] {
+            if is_output(index) {
+                *window = first;
+            }
+        }
+        if is_output(0x6067) {
+            own.tolerances.position = first.tolerances.position;
+        }
+        if is_output(0x606F) {
+            own.tolerances.velocity = first.tolerances.velocity;
+        }
+        if is_output(0x60F2) {
+            own.traits.relative_base = first.traits.relative_base;
+        }
+    }
+
     /// Checks moves against what the program declares of the axis, and else against what the drive holds.
     fn settle_limits(&mut self, axis: &AxisConfig) -> Result<(), StepError> {
         let held = self.held.limits();

@@ -324,8 +324,8 @@ async fn find(context: Context, position: u16, station: u16) -> Result<Found, Ne
 
 /// The first of the station addresses that nameless devices have while it is looked who they are: behind those of a line.
 const PROVISIONAL: u16 = 0x2000;
-/// How often the line is looked at again when it has changed meanwhile.
-const TRIES: usize = 4;
+/// How often the line is looked at again when it has changed meanwhile, or a frame was lost, and how long after.
+const TRIES: usize = 100;
 
 /// A device of the line as it is now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -342,38 +342,71 @@ pub(super) async fn find_again(
     line: &[DriveId],
     wanted: &DriveId,
 ) -> Result<u16, NetworkError> {
+    let mut last = RegisterError::NotAnswered;
     for _ in 0..TRIES {
-        let Some(stations) = give_provisional(registers, line.len()).await? else {
-            continue;
-        };
-        let seen = identify(registers, &stations, line.len()).await;
-        // Who came or went meanwhile has moved the positions.
-        if stations_on_the_line(registers).await? != stations {
-            continue;
+        match look(registers, line, wanted).await {
+            Ok(Some(verdict)) => return verdict,
+            Ok(None) => {}
+            // What was begun is brought to its end.
+            Err(lost) => last = lost,
         }
-        give_back(registers, line, wanted, &stations, &seen).await?;
-        let chosen = choose(line, wanted, &seen);
-        for (position, station) in (0..).zip(&stations) {
-            if place_at_start(*station, line.len()).is_some() {
-                continue;
-            }
-            let name = match &chosen {
-                Ok(chosen) if *chosen == position => station_of(wanted.position.into()),
-                _ => 0,
-            };
-            match give_name(registers, *station, name).await {
-                // It has its own again, or is gone.
-                Err(RegisterError::NotAnswered) if name == 0 => {}
-                given => given.map_err(NetworkError::Line)?,
-            }
-        }
-        return chosen;
+        registers.time().sleep(STEADY_FOR).await;
     }
     Err(NetworkError::Drive {
         drive: wanted.clone(),
         step: BringUpStep::Identity,
-        error: Box::new(DriveFault::Register(RegisterError::NotAnswered)),
+        error: Box::new(DriveFault::Register(last)),
     })
+}
+
+/// One look at the line. None where it has changed meanwhile.
+async fn look(
+    registers: &Registers,
+    line: &[DriveId],
+    wanted: &DriveId,
+) -> Result<Option<Result<u16, NetworkError>>, RegisterError> {
+    let Some(stations) = give_provisional(registers, line.len()).await? else {
+        return Ok(None);
+    };
+    let Some((seen, runs)) = identify(registers, &stations, line.len()).await? else {
+        return Ok(None);
+    };
+    // Who came or went meanwhile has moved the positions.
+    if stations_on_the_line(registers).await? != stations {
+        return Ok(None);
+    }
+    let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
+    let own = station_of(wanted.position.into());
+    // It has its address again where only the answer to that was lost.
+    let chosen = match (0..).zip(&stations).find(|(_, station)| **station == own) {
+        Some((position, _)) => Ok(position),
+        None => choose(line, wanted, &seen),
+    };
+    let mut last = None;
+    for (position, (station, runs)) in (0..).zip(stations.iter().zip(runs)) {
+        if place_at_start(*station, line.len()).is_some() {
+            continue;
+        }
+        if matches!(&chosen, Ok(chosen) if *chosen == position) {
+            last = Some(*station);
+            continue;
+        }
+        let at = usize::from(position);
+        let is_there = |place: &usize| candidates(&expected, *place, &seen) == [(at, false)];
+        match (0..line.len()).find(is_there) {
+            _ if !runs => give_name(registers, *station, 0).await?,
+            // A provisional address has taken the place of its own.
+            Some(place) => {
+                eeprom::give_away(registers, *station).await?;
+                give_name(registers, *station, station_of(place)).await?;
+            }
+            None => {}
+        }
+    }
+    if let Some(station) = last {
+        give_name(registers, station, own).await?;
+    }
+    Ok(Some(chosen))
 }
 
 /// The address that a device had whose place at the start was this.
@@ -388,14 +421,14 @@ fn place_at_start(station: u16, at_start: usize) -> Option<usize> {
 }
 
 /// The address of each device that is there.
-async fn stations_on_the_line(registers: &Registers) -> Result<Vec<u16>, NetworkError> {
+async fn stations_on_the_line(registers: &Registers) -> Result<Vec<u16>, RegisterError> {
     let mut stations = Vec::new();
-    for position in 0..count(registers).await? {
+    for position in 0..registers.count().await? {
         match registers.read_at(position, esc::STATION_ADDRESS).await {
             Ok(station) => stations.push(u16::from_le_bytes(station)),
             // It was there when they were counted.
             Err(RegisterError::NotAnswered) => break,
-            Err(error) => return Err(NetworkError::Line(error)),
+            Err(error) => return Err(error),
         }
     }
     Ok(stations)
@@ -406,7 +439,7 @@ async fn stations_on_the_line(registers: &Registers) -> Result<Vec<u16>, Network
 async fn give_provisional(
     registers: &Registers,
     at_start: usize,
-) -> Result<Option<Vec<u16>>, NetworkError> {
+) -> Result<Option<Vec<u16>>, RegisterError> {
     let mut stations = stations_on_the_line(registers).await?;
     for position in 0..stations.len() {
         let Some(before) = stations.get(position).copied() else {
@@ -420,18 +453,14 @@ async fn give_provisional(
             break;
         };
         let place = to_position(position);
-        match registers.read_at(place, esc::STATION_ADDRESS).await {
-            Ok(shown) if u16::from_le_bytes(shown) == before => {}
-            Ok(_) | Err(RegisterError::NotAnswered) => return Ok(None),
-            Err(error) => return Err(NetworkError::Line(error)),
+        let shown = registers.read_at(place, esc::STATION_ADDRESS).await?;
+        if u16::from_le_bytes(shown) != before {
+            return Ok(None);
         }
         let address = station.to_le_bytes();
-        let given = registers.write_at(place, esc::STATION_ADDRESS, &address);
-        match given.await {
-            Ok(()) => {}
-            Err(RegisterError::NotAnswered) => return Ok(None),
-            Err(error) => return Err(NetworkError::Line(error)),
-        }
+        registers
+            .write_at(place, esc::STATION_ADDRESS, &address)
+            .await?;
         if let Some(known) = stations.get_mut(position) {
             *known = station;
         }
@@ -439,54 +468,37 @@ async fn give_provisional(
     Ok(Some(stations))
 }
 
-/// Asks those without an address of the line who they are.
-async fn identify(registers: &Registers, stations: &[u16], at_start: usize) -> Vec<FoundAs> {
-    let mut seen = Vec::with_capacity(stations.len());
-    for station in stations {
-        seen.push(match place_at_start(*station, at_start) {
-            Some(place) => FoundAs::Known(place),
-            // One that cannot be read is none of the line's.
-            None => {
-                let identity = eeprom::identity(registers, *station).await;
-                FoundAs::Nameless(identity.unwrap_or_default())
-            }
-        });
-    }
-    seen
-}
-
-/// Gives those that run without an address of the line their own one back: a provisional one has taken its place.
-async fn give_back(
-    registers: &Registers,
-    line: &[DriveId],
-    wanted: &DriveId,
-    stations: &[u16],
-    seen: &[FoundAs],
-) -> Result<(), NetworkError> {
-    let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
-    for (at, station) in stations.iter().enumerate() {
-        if !matches!(seen.get(at), Some(FoundAs::Nameless(_))) {
-            continue;
-        }
-        let status = registers::status(registers, *station).await;
-        let runs = |status: AlStatus| matches!(status.state, AlState::SafeOp | AlState::Op);
-        if !status.is_ok_and(runs) {
-            continue;
-        }
-        let is_there = |place: &usize| candidates(&expected, *place, seen) == [(at, false)];
-        let place = (0..line.len()).find(is_there);
-        if let Some(place) = place.filter(|place| *place != usize::from(wanted.position)) {
-            let given = give_name(registers, *station, station_of(place)).await;
-            given.map_err(NetworkError::Line)?;
-        }
-    }
-    Ok(())
-}
-
 /// Gives the device that has this address another one.
 async fn give_name(registers: &Registers, station: u16, name: u16) -> Result<(), RegisterError> {
     let name = name.to_le_bytes();
     registers.write(station, esc::STATION_ADDRESS, &name).await
+}
+
+/// Asks those without an address of the line who they are, and whether they run: after a power loss they are in INIT. None where one does
+/// not say who it is, and runs.
+async fn identify(
+    registers: &Registers,
+    stations: &[u16],
+    at_start: usize,
+) -> Result<Option<(Vec<FoundAs>, Vec<bool>)>, RegisterError> {
+    let mut seen = Vec::with_capacity(stations.len());
+    let mut running = Vec::with_capacity(stations.len());
+    for station in stations {
+        if let Some(place) = place_at_start(*station, at_start) {
+            seen.push(FoundAs::Known(place));
+            running.push(true);
+            continue;
+        }
+        let runs = registers::status(registers, *station).await?.state != AlState::Init;
+        let identity = eeprom::identity(registers, *station).await;
+        if runs && identity.is_err() {
+            return Ok(None);
+        }
+        // One that cannot be read is none of the line's.
+        seen.push(FoundAs::Nameless(identity.unwrap_or_default()));
+        running.push(runs);
+    }
+    Ok(Some((seen, running)))
 }
 
 /// Which of the devices that are there is the wanted one.

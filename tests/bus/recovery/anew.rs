@@ -730,3 +730,21 @@ fn mapped_limits_are_what_the_drive_held_until_the_program_sets_them() {
     drop(z);
     yard.ends();
 }
+
+/// It goes out again as at the first start, and the core goes by what goes out.
+#[test]
+fn a_mapped_setting_that_the_core_goes_by_is_that_of_the_first_start_after_a_recovery() {
+    let z = AxisConfig::new("z").map_output(obj::VELOCITY_THRESHOLD);
+    let drive = DriveConfig::new(drives::generic()).axis(z);
+    let mut yard = Yard::new(personality::generic(), drive);
+    let z = yard.axis("z");
+    let first = z.drive_settings().velocity_windows.threshold.unwrap();
+    loses_power_and_holds(&mut yard, 0x606F, i64::from(first) + 500);
+    assert_eq!(yard.recover(1).unwrap(), ANEW);
+    let held = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x606F, 0);
+    assert_eq!(held, Some(first.into()));
+    let now = yard.axis("z").drive_settings().velocity_windows.threshold;
+    assert_eq!(now, Some(first));
+    drop(z);
+    yard.ends();
+}
