@@ -219,7 +219,7 @@ fn each_request_of_a_bring_up_that_the_drive_aborts_is_named_and_nothing_is_writ
         );
         let up = |asked: &Asked| matches!(asked, Asked::Al(state) if state & 0x0F > 2);
         // What only motion needs is read in OP, and what the outputs overwrite is not.
-        let overwritten = matches!(object.index, 0x6081 | 0x6083 | 0x6084);
+        let overwritten = matches!(object.index, 0x6081 | 0x6083..=0x6085);
         let in_op = !is_of_the_mapping(object) && !overwritten;
         assert_eq!(bench.asked().iter().any(up), in_op, "{text}");
         assert!(bench.state() <= AlState::PreOp, "{text}");
