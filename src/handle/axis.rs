@@ -304,8 +304,7 @@ impl<U: AxisUnit> Axis<U> {
     /// # Errors
     /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`](crate::axis::Failure::ModeNotSupported)
     /// where 6502h does not name it. Otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode,
-    /// the axis was stopped meanwhile, or the bus is lost.
-    /// A jog that an earlier lease has left is let go in any case.
+    /// the axis was stopped meanwhile, or the bus is lost. A jog that an earlier lease has left is let go in any case.
     pub async fn profile_position(&self) -> Result<ProfilePosition<U>, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::ProfilePosition).await?;

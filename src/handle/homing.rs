@@ -73,8 +73,8 @@ impl<U: AxisUnit> Axis<U> {
     ///
     /// # Errors
     /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`] where 6502h does not name it.
-    /// Otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode, the axis was stopped meanwhile, or the bus is lost.
-    /// A jog that an earlier lease has left is let go in any case.
+    /// Otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode, the axis was stopped
+    /// meanwhile, or the bus is lost. A jog that an earlier lease has left is let go in any case.
     pub async fn homing(&self) -> Result<Homing<U>, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::Homing).await?;

@@ -70,7 +70,7 @@ impl ParameterObject {
 /// - records: the error and diagnosis histories, which a write clears;
 /// - the PDO mapping and its assignment, which every start writes anew.
 ///
-/// Such objects are in no backup and no restore writes them. The commands of CiA 402 are told by index and subindex, of each of eight
+/// Such objects are in no backup and no restore writes them. The index and the subindex show the commands of CiA 402, of each of eight
 /// axes. So the settings of a terminal's channels (8000h, 8010h and on, ETG.5001) are parameters. Of other objects of a
 /// terminal those at 80C1h and 80FEh are left out, and those 800h and more further on.
 #[must_use]

@@ -63,9 +63,8 @@ impl Change {
                     ) =>
             {
                 let fills = |step: &&MappingWrite| {
-                    let purpose = &step.purpose;
                     matches!(
-                        purpose,
+                        step.purpose,
                         Purpose::EmptyPdo | Purpose::Map(_) | Purpose::ClosePdo
                     )
                 };
