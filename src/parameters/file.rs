@@ -29,7 +29,7 @@ use serde::de::{DeserializeOwned, Deserializer, Error as _, SeqAccess, Visitor};
 use toml::Spanned;
 
 use super::set::{Parameter, ParameterSet, is_parameter};
-use super::start_up::{StartUpList, StartUpWrite, Transition, is_controlword};
+use super::start_up::{StartUpList, StartUpWrite, Transition, of_first_axis};
 use super::value::{ObjectValue, ValueType, known_name};
 use crate::coe::{AxisOffset, ObjectAddress, obj};
 use crate::sii::Identity;
@@ -242,7 +242,7 @@ impl<'a> Source<'a> {
         let (object, value) =
             self.entry(&raw.object, raw.axis.as_ref(), raw.kind.as_ref(), raw.value)?;
         let name = raw.object.get_ref();
-        if is_controlword(object) {
+        if of_first_axis(object) == Some(0x6040) {
             let fault = FileFault::Controlword;
             return Err(self.error(Some(raw.object.span()), Some(name), fault));
         }

@@ -216,13 +216,8 @@ impl From<StartUpWrite> for StartUpList {
     }
 }
 
-/// 6040h of any axis.
-pub(super) fn is_controlword(object: ObjectAddress) -> bool {
-    of_first_axis(object) == Some(0x6040)
-}
-
 /// The index that a variable of the profile has on the first axis.
-fn of_first_axis(object: ObjectAddress) -> Option<u16> {
+pub(super) fn of_first_axis(object: ObjectAddress) -> Option<u16> {
     let is_profile = (0x6000..0xA000).contains(&object.index) && object.subindex == 0;
     is_profile.then(|| 0x6000 + (object.index - 0x6000) % 0x0800)
 }

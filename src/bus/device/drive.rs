@@ -72,18 +72,6 @@ impl HeldLimits {
         ]
     }
 
-    /// Takes from an earlier start what these objects held then.
-    fn replace(&mut self, mut before: Self, is_one: impl Fn(ObjectAddress) -> bool) {
-        for ((object, place), (_, before)) in self.positions().into_iter().zip(before.positions()) {
-            if is_one(object.address()) {
-                *place = *before;
-            }
-        }
-        if is_one(obj::MAX_PROFILE_VELOCITY.address()) {
-            self.max_velocity = before.max_velocity;
-        }
-    }
-
     fn limits(&self) -> Limits {
         let range = |[min, max]: [Option<i32>; 2]| {
             min.zip(max).map(|(min, max)| PositionRange { min, max })
@@ -111,12 +99,18 @@ enum Reading {
 
 impl Drive {
     /// In PREOP: its axes as the program declares them, with what the outputs will overwrite. That is all that cycles need in which no
-    /// axis is enabled.
+    /// axis is enabled. After an earlier start the outputs bring again what the drive held then: the axes keep it.
     pub(super) async fn open_axes(&mut self, sdo: &SdoHandle) -> Result<(), StepError> {
+        let mut before = core::mem::take(&mut self.axes).into_iter();
         let mut axes = Vec::new();
         for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
             let offset = description.offset;
             let fields = AxisFields::from_layout(&self.layout, offset).at(BringUpStep::Mapping)?;
+            if let Some(mut ready) = before.next() {
+                ready.config.fields = fields;
+                axes.push(ready);
+                continue;
+            }
             let mut ready = ReadyAxis {
                 name: axis.name.clone(),
                 offset,
@@ -188,8 +182,7 @@ impl Drive {
         before: &Self,
         sdo: &SdoHandle,
     ) -> Result<(), StepError> {
-        let declared = self.config.axes.iter();
-        for ((axis, before), declared) in self.axes.iter_mut().zip(&before.axes).zip(declared) {
+        for (axis, before) in self.axes.iter_mut().zip(&before.axes) {
             let fields = &axis.config.fields;
             let (held, first) = (axis.config.defaults, before.config.defaults);
             let [velocity, acceleration, deceleration, end_velocity] = [
@@ -213,15 +206,6 @@ impl Drive {
                 }
             }
             axis.config.defaults = first;
-            axis.outputs.clone_from(&before.outputs);
-            // Limits that go out are again what they were at the first start.
-            let (outputs, offset) = (&axis.outputs, axis.offset);
-            axis.held.replace(before.held, |object| {
-                let object = ObjectAddress::new(offset.apply(object.index), object.subindex);
-                outputs.iter().any(|(output, _)| *output == object)
-            });
-            axis.settle_limits(declared)?;
-            axis.obey_outputs_of(before);
         }
         Ok(())
     }
@@ -356,62 +340,6 @@ impl Drive {
 }
 
 impl ReadyAxis {
-    /// Takes what the outputs bring again, of what the core goes by, from an earlier start.
-    fn obey_outputs_of(&mut self, before: &Self) {
-        let (outputs, offset) = (&self.outputs, self.offset);
-        let is_output = |index: u16| {
-            let index = offset.apply(index);
-            outputs.iter().any(|(object, _)| object.index == index)
-        };
-        let (own, first) = (&mut self.config, &before.config);
-        if is_output(0x605A) {
-            own.quick_stop = first.quick_stop;
-        }
-        let (stops, first_stops) = (&mut own.stop_options, &first.stop_options);
-        for (index, stop, first) in [
-            (0x605B, &mut stops.shutdown, first_stops.shutdown),
-            (
-                0x605C,
-                &mut stops.disable_operation,
-                first_stops.disable_operation,
-            ),
-            (0x605D, &mut stops.halt, first_stops.halt),
-            (
-                0x605E,
-                &mut stops.fault_reaction,
-                first_stops.fault_reaction,
-            ),
-        ] {
-            if is_output(index) {
-                *stop = first;
-            }
-        }
-        let (windows, first_windows) = (&mut own.velocity_windows, &first.velocity_windows);
-        for (index, window, first) in [
-            (0x606D, &mut windows.window, first_windows.window),
-            (0x606E, &mut windows.window_ms, first_windows.window_ms),
-            (0x606F, &mut windows.threshold, first_windows.threshold),
-            (
-                0x6070,
-                &mut windows.threshold_ms,
-                first_windows.threshold_ms,
-            ),
-        ] {
-            if is_output(index) {
-                *window = first;
-            }
-        }
-        if is_output(0x6067) {
-            own.tolerances.position = first.tolerances.position;
-        }
-        if is_output(0x606F) {
-            own.tolerances.velocity = first.tolerances.velocity;
-        }
-        if is_output(0x60F2) {
-            own.traits.relative_base = first.traits.relative_base;
-        }
-    }
-
     /// Checks moves against what the program declares of the axis, and else against what the drive holds.
     fn settle_limits(&mut self, axis: &AxisConfig) -> Result<(), StepError> {
         let held = self.held.limits();

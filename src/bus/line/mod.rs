@@ -332,8 +332,8 @@ const TRIES: usize = 100;
 enum FoundAs {
     /// It has kept its address: this is its place at the start.
     Known(usize),
-    /// It has none of the line's, and is this one.
-    Nameless(Identity),
+    /// It has none of the line's, and is this one. After a power loss it is in INIT; otherwise it runs.
+    Nameless { identity: Identity, runs: bool },
 }
 
 /// Gives the device that had this place at the start its station address again; tells where it is now.
@@ -368,7 +368,7 @@ async fn look(
     let Some(stations) = give_provisional(registers, line.len()).await? else {
         return Ok(None);
     };
-    let Some((seen, runs)) = identify(registers, &stations, line.len()).await? else {
+    let Some(seen) = identify(registers, &stations, line.len()).await? else {
         return Ok(None);
     };
     // Who came or went meanwhile has moved the positions.
@@ -383,10 +383,10 @@ async fn look(
         None => choose(line, wanted, &seen),
     };
     let mut last = None;
-    for (position, (station, runs)) in (0..).zip(stations.iter().zip(runs)) {
-        if place_at_start(*station, line.len()).is_some() {
+    for (position, (station, seen_as)) in (0..).zip(stations.iter().zip(&seen)) {
+        let FoundAs::Nameless { runs, .. } = *seen_as else {
             continue;
-        }
+        };
         if matches!(&chosen, Ok(chosen) if *chosen == position) {
             last = Some(*station);
             continue;
@@ -474,19 +474,16 @@ async fn give_name(registers: &Registers, station: u16, name: u16) -> Result<(),
     registers.write(station, esc::STATION_ADDRESS, &name).await
 }
 
-/// Asks those without an address of the line who they are, and whether they run: after a power loss they are in INIT. None where one does
-/// not say who it is, and runs.
+/// Asks those without an address of the line who they are, and whether they run. None where one does not say who it is, and runs.
 async fn identify(
     registers: &Registers,
     stations: &[u16],
     at_start: usize,
-) -> Result<Option<(Vec<FoundAs>, Vec<bool>)>, RegisterError> {
+) -> Result<Option<Vec<FoundAs>>, RegisterError> {
     let mut seen = Vec::with_capacity(stations.len());
-    let mut running = Vec::with_capacity(stations.len());
     for station in stations {
         if let Some(place) = place_at_start(*station, at_start) {
             seen.push(FoundAs::Known(place));
-            running.push(true);
             continue;
         }
         let runs = registers::status(registers, *station).await?.state != AlState::Init;
@@ -495,10 +492,10 @@ async fn identify(
             return Ok(None);
         }
         // One that cannot be read is none of the line's.
-        seen.push(FoundAs::Nameless(identity.unwrap_or_default()));
-        running.push(runs);
+        let identity = identity.unwrap_or_default();
+        seen.push(FoundAs::Nameless { identity, runs });
     }
-    Ok(Some((seen, running)))
+    Ok(Some(seen))
 }
 
 /// Which of the devices that are there is the wanted one.
@@ -511,12 +508,12 @@ fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, N
         [] => {
             let mut behind = seen.iter().enumerate().filter(|(_, seen)| match seen {
                 FoundAs::Known(known) => *known < place,
-                FoundAs::Nameless(_) => false,
+                FoundAs::Nameless { .. } => false,
             });
             // What stands where it would be the next one.
             let at = behind.next_back().map_or(0, |(at, _)| at + 1);
             match seen.get(at) {
-                Some(FoundAs::Nameless(identity)) if *identity != wanted.identity => {
+                Some(FoundAs::Nameless { identity, .. }) if *identity != wanted.identity => {
                     return Err(mismatch(
                         wanted,
                         Some((at, *identity)),
@@ -584,7 +581,7 @@ fn candidates(line: &[Identity], place: usize, seen: &[FoundAs]) -> Vec<(usize, 
 
 /// Whether the device with this number among those that are there can be the nameless one that had this place.
 fn can_be(own: &[(usize, &FoundAs)], number: usize, line: &[Identity], place: usize) -> bool {
-    let (Some((_, FoundAs::Nameless(identity))), Some(before), Some(behind)) =
+    let (Some((_, FoundAs::Nameless { identity, .. })), Some(before), Some(behind)) =
         (own.get(number), own.get(..number), own.get(number + 1..))
     else {
         return false;
@@ -608,7 +605,7 @@ impl FoundAs {
     fn is(&self, place: usize, identity: &Identity) -> bool {
         match self {
             Self::Known(known) => *known == place,
-            Self::Nameless(own) => own == identity,
+            Self::Nameless { identity: own, .. } => own == identity,
         }
     }
 }
@@ -630,6 +627,11 @@ mod tests {
         }
     }
 
+    fn nameless(identity: Identity) -> FoundAs {
+        let runs = false;
+        FoundAs::Nameless { identity, runs }
+    }
+
     const NOBODY: [(usize, bool); 0] = [];
 
     #[test]
@@ -638,7 +640,7 @@ mod tests {
         let seen = [
             FoundAs::Known(0),
             FoundAs::Known(1),
-            FoundAs::Nameless(one(2, 0)),
+            nameless(one(2, 0)),
             FoundAs::Known(3),
         ];
         assert_eq!(candidates(&line, 2, &seen), [(2, false)]);
@@ -650,7 +652,7 @@ mod tests {
     #[test]
     fn all_without_a_name_are_told_apart_by_their_order_if_all_are_there() {
         let line = [one(2, 0), one(2, 0), one(3, 0), one(2, 0)];
-        let seen = line.map(FoundAs::Nameless);
+        let seen = line.map(nameless);
         for place in 0..4 {
             assert_eq!(candidates(&line, place, &seen), [(place, false)]);
         }
@@ -659,12 +661,12 @@ mod tests {
     #[test]
     fn of_two_that_are_alike_and_one_missing_nobody_knows_which_one_is_there() {
         let line = [one(2, 0), one(2, 0), one(2, 0)];
-        let seen = [FoundAs::Known(0), FoundAs::Nameless(one(2, 0))];
+        let seen = [FoundAs::Known(0), nameless(one(2, 0))];
         assert_eq!(candidates(&line, 1, &seen), [(1, true)]);
         assert_eq!(candidates(&line, 2, &seen), [(1, true)]);
         // A serial number shows it.
         let line = [one(2, 0), one(2, 1), one(2, 2)];
-        let seen = [FoundAs::Known(0), FoundAs::Nameless(one(2, 2))];
+        let seen = [FoundAs::Known(0), nameless(one(2, 2))];
         assert_eq!(candidates(&line, 1, &seen), NOBODY);
         assert_eq!(candidates(&line, 2, &seen), [(1, false)]);
     }
@@ -674,16 +676,12 @@ mod tests {
         let line = [one(1, 0), one(2, 7), one(3, 0)];
         let seen = [
             FoundAs::Known(0),
-            FoundAs::Nameless(one(9, 9)),
-            FoundAs::Nameless(one(2, 7)),
+            nameless(one(9, 9)),
+            nameless(one(2, 7)),
             FoundAs::Known(2),
         ];
         assert_eq!(candidates(&line, 1, &seen), [(2, false)]);
-        let other_serial = [
-            FoundAs::Known(0),
-            FoundAs::Nameless(one(2, 8)),
-            FoundAs::Known(2),
-        ];
+        let other_serial = [FoundAs::Known(0), nameless(one(2, 8)), FoundAs::Known(2)];
         assert_eq!(candidates(&line, 1, &other_serial), NOBODY);
     }
 }
