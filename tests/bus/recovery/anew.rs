@@ -450,7 +450,7 @@ fn a_drive_stops_on_loss_after_it_was_led_back_from_safe_op_whatever_a_start_up_
 #[test]
 fn a_request_that_the_drive_has_forgotten_in_init_holds_up_no_recovery() {
     let mut yard = Yard::new(personality::generic(), unhomed(drives::generic(), &["z"]));
-    let sdo = yard.rig.net().sdo(1).unwrap().with_timeout(Duration::MAX);
+    let sdo = yard.rig.net().sdo(1).unwrap().with_timeout(Duration::from_secs(20));
     let slow = |yard: &Yard, delay| {
         let mut segment = yard.line.segment();
         segment.device_mut(MIDDLE).unwrap().set_mailbox_delay(delay);
@@ -467,8 +467,11 @@ fn a_request_that_the_drive_has_forgotten_in_init_holds_up_no_recovery() {
     drop(segment);
     slow(&yard, Duration::ZERO);
     yard.rig.run_for(300 * MS);
+    let asked = yard.rig.bus.now();
     let recovered = yard.recover(1);
     assert!(recovered.is_ok(), "{recovered:?}");
+    let took = yard.rig.bus.now() - asked;
+    assert!(took < Duration::from_secs(5), "{took:?}");
     let read = yard.rig.until(read);
     assert!(read.is_err(), "{read:?}");
     yard.works_again("z");
