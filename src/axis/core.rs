@@ -96,6 +96,8 @@ pub struct AxisCore {
     resuming: Option<Resuming>,
     /// Whether a motion was given up that the drive may hold until it is out of Operation enabled.
     given_up: bool,
+    /// Why the axis is not driven any more, without having been stopped by a command: until somebody takes it.
+    fallen: Option<Failure>,
     /// Since when bit 8 is known to have been delivered.
     halt_delivered: Option<Duration>,
     pub(super) mode: Mode,
@@ -161,6 +163,7 @@ impl AxisCore {
             stop_unsent: false,
             resuming: None,
             given_up: false,
+            fallen: None,
             halt_delivered: None,
             mode_change: None,
             noted_mode: Mode::None,
@@ -387,6 +390,14 @@ impl AxisCore {
     #[inline]
     pub(crate) const fn take_change(&mut self) -> SnapshotChange {
         core::mem::replace(&mut self.change, SnapshotChange::Nothing)
+    }
+
+    /// Why the axis has stopped being driven since this was asked last, where no command has stopped it. What was asked for before that is
+    /// not to move it after it was enabled again.
+    #[cfg(feature = "std")]
+    #[inline]
+    pub(crate) const fn take_fall(&mut self) -> Option<Failure> {
+        self.fallen.take()
     }
 
     /// Position and velocity, as the snapshot has them.
@@ -1456,6 +1467,7 @@ impl AxisCore {
             self.fail_commands(failure);
         }
         if driven {
+            self.fallen = Some(failure);
             self.begin_quick_stop(now);
         }
     }
@@ -1504,6 +1516,9 @@ impl AxisCore {
     /// waits for the standstill.
     fn update_fault(&mut self, now: Duration) {
         let failure = self.fault().unwrap_or(Failure::Fault { code: None });
+        if self.power.is_driving() {
+            self.fallen = Some(failure);
+        }
         if let Power::Disabling { id, .. } = self.power {
             self.power = Power::Off;
             self.wait_for_stop(now, id);
@@ -1686,6 +1701,7 @@ impl AxisCore {
         } else {
             (Failure::Disabled { state }, Power::Off)
         };
+        self.fallen = Some(failure);
         self.fail_motions(failure);
         self.fail_others(failure);
         self.stopping.off = false;
@@ -3034,7 +3050,7 @@ impl AxisCore {
                     delivery: Delivery::NotSent,
                 };
                 self.fail_motions(failure);
-                self.begin_quick_stop(now);
+                self.stop_by_itself(now);
             }
             return;
         }
@@ -3049,21 +3065,26 @@ impl AxisCore {
             Mode::Homing => match self.homing.step(&cycle, &mut self.events) {
                 HomingVerdict::GoOn => {}
                 HomingVerdict::Attained => self.homed = true,
-                HomingVerdict::StopIt => {
-                    self.begin_quick_stop(now);
-                }
+                HomingVerdict::StopIt => self.stop_by_itself(now),
                 HomingVerdict::EndIt => {
+                    self.fallen = Some(Failure::QUICK_STOPPED);
                     self.begin_stop(now, Failure::QUICK_STOPPED);
                 }
             },
             Mode::ProfileVelocity => {
                 let runs_on = self.jogging.step(&cycle, &mut self.events);
                 if runs_on {
-                    self.begin_quick_stop(now);
+                    self.stop_by_itself(now);
                 }
             }
             _ => {}
         }
+    }
+
+    /// Quick stop, for which nobody has asked.
+    fn stop_by_itself(&mut self, now: Duration) {
+        self.fallen = Some(Failure::QUICK_STOPPED);
+        self.begin_quick_stop(now);
     }
 
     /// Bits 4, 5, 6 and 9 of the next controlword: the active mode's.
@@ -3592,6 +3613,8 @@ impl Hash for AxisCore {
             stop_unsent,
             resuming,
             given_up,
+            // Taken after each step.
+            fallen: _,
             halt_delivered,
             mode,
             mode_change,

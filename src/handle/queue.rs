@@ -312,11 +312,12 @@ enum StopKind {
     Stop,
     Halt,
     Disable,
-    /// The drive was recovered after it had left OP.
-    Restart,
+    /// The drive was lost, or was recovered after it had left OP.
+    Lost,
+    Fault,
 }
 
-/// Names a stop: a number, and below it the kind in two bits.
+/// Names a stop: a number, and below it the kind in three bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct LastStop(u32);
 
@@ -345,11 +346,21 @@ impl StopKind {
             | Command::Resume => None,
         }
     }
+
+    /// The kind of what has stopped the axis without a command.
+    const fn of_fall(failure: Failure) -> Self {
+        match failure {
+            Failure::Fault { .. } => Self::Fault,
+            Failure::Disabled { .. } => Self::Disable,
+            Failure::BusLost { .. } | Failure::Undelivered { .. } => Self::Lost,
+            _ => Self::Stop,
+        }
+    }
 }
 
 impl StopCount {
     pub fn note(&self, kind: StopKind) {
-        let next = |last: u32| Some((last >> 2).wrapping_add(1) << 2 | kind as u32);
+        let next = |last: u32| Some((last >> 3).wrapping_add(1) << 3 | kind as u32);
         let _ = self
             .0
             .fetch_update(Ordering::AcqRel, Ordering::Acquire, next);
@@ -362,12 +373,13 @@ impl StopCount {
     /// Why a move is not to be started that was asked for when `asked` was the last stop, of an axis in this state.
     pub fn since(&self, asked: LastStop, state: State) -> Option<Failure> {
         let LastStop(last) = self.last();
-        (last != asked.0).then_some(match last & 3 {
+        (last != asked.0).then_some(match last & 7 {
             kind if kind == StopKind::Halt as u32 => Failure::HALTED,
             kind if kind == StopKind::Disable as u32 => Failure::Disabled { state },
-            kind if kind == StopKind::Restart as u32 => Failure::BusLost {
+            kind if kind == StopKind::Lost as u32 => Failure::BusLost {
                 delivery: Delivery::NotSent,
             },
+            kind if kind == StopKind::Fault as u32 => Failure::Fault { code: None },
             _ => Failure::QUICK_STOPPED,
         })
     }
@@ -1284,7 +1296,7 @@ impl Shared {
     /// The axis begins again: nothing that was asked for or set before comes into effect any more. `held`: what its
     /// drive holds now, if that was read.
     pub fn restart(&self, held: Option<DriveSettings>) {
-        self.stops.note(StopKind::Restart);
+        self.stops.note(StopKind::Lost);
         self.manufacturer.store(0, Ordering::Release);
         self.outputs.clear();
         self.ask();
@@ -1305,6 +1317,11 @@ impl Shared {
     /// What the drive holds, read after the axis was made.
     pub fn know(&self, settings: DriveSettings) {
         self.settings.set(settings);
+    }
+
+    /// The axis has stopped being driven without a command.
+    pub fn note_fall(&self, failure: Failure) {
+        self.stops.note(StopKind::of_fall(failure));
     }
 
     /// What the drive held when it was attached last.
@@ -1590,6 +1607,10 @@ impl AxisPort {
 
     fn publish_anew(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) -> Snapshot {
         let snapshot = core.snapshot();
+        // Before anybody knows: who asks for a motion after that asks for another one.
+        if let Some(failure) = core.take_fall() {
+            self.shared.note_fall(failure);
+        }
         if snapshot.state.is_fault() && !self.has_fault {
             self.shared.counts.fault(core.error_code());
         }
@@ -1912,11 +1933,12 @@ mod tests {
             (StopKind::Stop, Failure::QUICK_STOPPED),
             (StopKind::Stop, Failure::QUICK_STOPPED),
             (
-                StopKind::Restart,
+                StopKind::Lost,
                 Failure::BusLost {
                     delivery: Delivery::NotSent,
                 },
             ),
+            (StopKind::Fault, Failure::Fault { code: None }),
         ];
         for (kind, failure) in kinds {
             let asked = stops.last();

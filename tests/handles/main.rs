@@ -13,6 +13,7 @@ mod kept;
 mod lease;
 mod machine;
 mod moves;
+mod outlived;
 mod parameters;
 mod stops;
 mod threads;
