@@ -715,10 +715,20 @@ impl<U: AxisUnit> Axis<U> {
     pub async fn read_limits(&self) -> Result<Limits, AxisError> {
         let shared = &self.handles.shared;
         let setup = &shared.setup;
-        let read = Limits::read(&*setup.parameters, setup.offset).await;
-        let limits = read.map_err(|error| shared.error(AxisErrorKind::Sdo(Arc::new(error))))?;
-        self.run(Command::SetLimits(limits)).await?;
-        Ok(limits)
+        // Several objects, one after the other: a homing, a recovery or another task may come in between.
+        loop {
+            let before = shared.limits_changed();
+            let read = Limits::read(&*setup.parameters, setup.offset).await;
+            let limits = read.map_err(|error| shared.error(AxisErrorKind::Sdo(Arc::new(error))))?;
+            if before != shared.limits_changed() {
+                continue;
+            }
+            self.run(Command::SetLimits(limits)).await?;
+            if before == shared.limits_changed() {
+                shared.note_limits_changed();
+                return Ok(limits);
+            }
+        }
     }
 
     /// Reads an object of this axis; none where the drive does not have it.

@@ -81,6 +81,8 @@ pub(super) struct Shared {
     noted_home_offset: Noted,
     /// Whether it may have got another one: a write of it was given up.
     home_offset_in_doubt: AtomicBool,
+    /// How often what the drive's limits are counted from, or what is known of them, has become another.
+    limits_changed: AtomicU64,
     /// Max profile velocity 607Fh as the core checks it; 0 is no limit.
     max_velocity: AtomicU32,
     /// What the drive held when it was attached last.
@@ -111,6 +113,7 @@ impl Shared {
             noted_mode: Noted::default(),
             noted_home_offset: Noted::default(),
             home_offset_in_doubt: AtomicBool::new(false),
+            limits_changed: AtomicU64::new(0),
             max_velocity: AtomicU32::new(0),
             settings: SettingsCell::new(core.drive_settings()),
             closed: AtomicBool::new(false),
@@ -990,7 +993,18 @@ impl Shared {
     pub fn note_home_offset(&self, offset: i32) {
         self.home_offset_in_doubt.store(false, Ordering::Release);
         self.noted_home_offset.set(offset);
+        self.note_limits_changed();
         self.ask();
+    }
+
+    /// Limits that were being read are to be read again.
+    pub fn note_limits_changed(&self) {
+        self.limits_changed.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// For one who reads limits: another number afterwards says that what was read may be of before.
+    pub fn limits_changed(&self) -> u64 {
+        self.limits_changed.load(Ordering::Acquire)
     }
 
     /// A write of the home offset 607Ch begins. Until its answer, or until it is read, what the drive has is not known.
@@ -1305,6 +1319,7 @@ impl Shared {
             self.settings.set(settings);
             self.noted_mode.take();
             self.noted_home_offset.take();
+            self.note_limits_changed();
             self.home_offset_in_doubt.store(false, Ordering::Release);
         }
     }

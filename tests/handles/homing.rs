@@ -722,3 +722,33 @@ fn a_homing_that_is_to_go_on_without_its_future_goes_on_or_is_not_said_to() {
     }
     assert!((3..18).contains(&begun), "{begun}");
 }
+
+/// Another task reads the limits meanwhile, among them the home offset of before.
+#[test]
+fn limits_that_were_being_read_do_not_bring_back_an_earlier_home_offset() {
+    let mut variant = variant();
+    variant.traits.limits = LimitsRule::cia402();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    machine.drive().set(0x607D, 1, -50_000).unwrap();
+    machine.drive().set(0x607D, 2, 50_000).unwrap();
+    let homing = machine.finish(axis.homing()).unwrap();
+    machine.stations[0].sdo.slow.store(true, Ordering::Relaxed);
+    let mut read = Task::new(axis.read_limits());
+    assert!(read.poll().is_none());
+    assert!(read.poll().is_none(), "607Ch is read first");
+    machine
+        .finish(homing.home(to_the_switch().offset(-10_000)))
+        .unwrap();
+    drop(homing);
+    machine.finish_task(&mut read).unwrap();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let error = machine
+        .finish(pp.move_abs(-45_000, SetPoint::new()))
+        .unwrap_err();
+    assert!(error.to_string().contains("607Dh"), "{error}");
+    drop(
+        machine
+            .finish(pp.move_abs(55_000, SetPoint::new()))
+            .unwrap(),
+    );
+}
