@@ -115,12 +115,13 @@ impl<U: AxisUnit> ProfileVelocity<U> {
         }
         set_point.acceleration = ramps.acceleration;
         set_point.deceleration = ramps.deceleration;
-        if handles.have_to_write(&by_sdo) {
+        // First: nobody begins another jog between the check and the writes.
+        let mut claim = handles.claim_now()?;
+        if claim.has_to_write(&by_sdo) {
             // What is refused must not have changed the ramps, least of all those of a jog that is held.
             let check = Command::CheckJog(set_point.velocity);
             self.axis.run(check).await?;
         }
-        let mut claim = handles.claim_now()?;
         by_sdo.write(&mut claim).await?;
         // From here on whatever drops it lets it go.
         let mut jog = Jog {

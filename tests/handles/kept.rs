@@ -279,3 +279,24 @@ fn a_move_without_parameters_waits_for_one_that_writes() {
     assert_eq!(ledger[1].value, 23_000);
     assert_ne!(ledger[1].velocity, 70_000);
 }
+
+/// What the drive takes for the ramp by which the axis comes to rest.
+fn deceleration(machine: &Machine) -> Option<i64> {
+    machine.drive().get(0x6084, 0)
+}
+
+#[test]
+fn a_jog_that_was_kept_before_it_writes_leaves_the_ramps_of_the_next_one() {
+    let (mut machine, axis) = Machine::enabled_of(&Variant::by_sdo());
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let mut first = Task::new(pv.jog(JogSetPoint::new(3_000).deceleration(10_000)));
+    assert!(first.poll().is_none());
+    machine.run(2);
+    let next = machine.finish(pv.jog(JogSetPoint::new(2_000).deceleration(400_000)));
+    let results = [next, machine.finish_task(&mut first)];
+    let [next, first] = results.map(|jog| jog.is_ok());
+    assert!(next != first, "one of them has the axis");
+    machine.run(50);
+    let expected = if next { 400_000 } else { 10_000 };
+    assert_eq!(deceleration(&machine), Some(expected));
+}
