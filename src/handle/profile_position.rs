@@ -159,7 +159,7 @@ impl<U: AxisUnit> MoveRequest<U> {
     pub(super) async fn send_asked(self, asked: LastStop) -> Result<Move<U>, AxisError> {
         let request = self.in_counts();
         let split = request.split()?;
-        let (command, claim) = request.write(split).await?;
+        let (command, claim) = request.write(split, asked).await?;
         let pending = request.submit(command, asked)?;
         if let Some(claim) = claim {
             claim.sent(&pending);
@@ -262,11 +262,12 @@ impl CountsRequest {
         by_sdo.is_some_and(|by_sdo| self.handles.have_to_write(by_sdo))
     }
 
-    /// Writes by SDO what is to be written so. Hold the claim until the move is sent, and notify it then, so that no other move's
+    /// Writes by SDO what is to be written so, of a move that was asked for when `asked` was the last stop. Hold the claim until the move is sent, and notify it then, so that no other move's
     /// parameters come in between.
     pub async fn write(
         &self,
         split: SplitMove,
+        asked: LastStop,
     ) -> Result<(MoveCommand, Option<Claim<'_>>), AxisError> {
         let Some(by_sdo) = split.by_sdo else {
             return Ok((split.command, None));
@@ -282,9 +283,21 @@ impl CountsRequest {
             if !checked {
                 self.check(split.asked).await?;
             }
+            self.check_still_asked(asked).await?;
             by_sdo.write(&mut claim).await?;
         }
         Ok((split.command, Some(claim)))
+    }
+
+    /// Since it was checked the axis may have been stopped, or leased by another: then the drive's parameters are those of a motion that
+    /// came after this move.
+    async fn check_still_asked(&self, asked: LastStop) -> Result<(), AxisError> {
+        self.check_lease()?;
+        let shared = &self.handles.shared;
+        match shared.stopped_since(asked, shared.snapshot().state) {
+            Some(failure) => Err(self.handles.fail(failure).await.in_unit(self.unit)),
+            None => Ok(()),
+        }
     }
 
     /// What is refused must not have changed the drive's parameters.

@@ -346,7 +346,7 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
     let mut prepared = Vec::new();
     let mut claims = Vec::new();
     for ((request, split), asked) in in_order.into_iter().zip(splits).zip(asked) {
-        let (command, claim) = request.write(split).await?;
+        let (command, claim) = request.write(split, asked).await?;
         prepared.push((request, command, asked));
         claims.push(claim);
     }

@@ -300,3 +300,46 @@ fn a_jog_that_was_kept_before_it_writes_leaves_the_ramps_of_the_next_one() {
     let expected = if next { 400_000 } else { 10_000 };
     assert_eq!(deceleration(&machine), Some(expected));
 }
+
+#[test]
+fn a_move_of_a_lease_that_was_given_back_leaves_the_ramps_of_the_next_one() {
+    let (mut machine, axis) = Machine::enabled_of(&Variant::by_sdo());
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let slow = SetPoint::new().deceleration(10_000);
+    let mut kept = Task::new(start_together([pp.rel(9_000, slow)]));
+    assert!(kept.poll().is_none());
+    machine.run(2);
+    drop(pp);
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let jog = machine
+        .finish(pv.jog(JogSetPoint::new(2_000).deceleration(400_000)))
+        .unwrap();
+    let error = machine.finish_task(&mut kept).unwrap_err();
+    assert!(
+        matches!(error.kind, AxisErrorKind::ModeInUse),
+        "{error}: {error:?}"
+    );
+    assert_eq!(deceleration(&machine), Some(400_000));
+    machine.finish(jog.release()).unwrap();
+}
+
+#[test]
+fn a_move_that_a_stop_has_ended_before_it_writes_leaves_the_ramps_of_the_next_one() {
+    let (mut machine, axis) = Machine::enabled_of(&Variant::by_sdo());
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let slow = SetPoint::new().deceleration(10_000);
+    let mut kept = Task::new(pp.move_rel(9_000, slow));
+    assert!(kept.poll().is_none());
+    machine.run(2);
+    machine.finish(axis.quick_stop()).unwrap();
+    machine.finish(axis.enable()).unwrap();
+    let next = SetPoint::new().deceleration(400_000);
+    let next = machine.finish(pp.move_rel(40_000, next)).unwrap();
+    let error = machine.finish_task(&mut kept).unwrap_err();
+    assert!(
+        matches!(error.failure(), Some(Failure::QuickStopped { .. })),
+        "{error}"
+    );
+    assert_eq!(deceleration(&machine), Some(400_000));
+    machine.finish(next.done()).unwrap();
+}
