@@ -219,13 +219,13 @@ impl Claim<'_> {
         }
     }
 
-    /// What was written is known to all from now on.
     /// Whether anything of this has to be written to the drive.
     pub fn has_to_write(&self, by_sdo: &BySdo) -> bool {
         let written = self.written.as_ref();
         written.is_some_and(|written| by_sdo.is_needed(written))
     }
 
+    /// What was written is known to all from now on.
     fn give_back(&mut self, state: &mut State) {
         let Some(mut written) = self.written.take() else {
             return;

@@ -262,8 +262,8 @@ impl CountsRequest {
         by_sdo.is_some_and(|by_sdo| self.handles.have_to_write(by_sdo))
     }
 
-    /// Writes by SDO what is to be written so, of a move that was asked for when `asked` was the last stop. Hold the claim until the move is sent, and notify it then, so that no other move's
-    /// parameters come in between.
+    /// Writes by SDO what is to be written so, of a move that was asked for when `asked` was the last stop. Hold the claim until the move
+    /// is sent, and notify it then, so that no other move's parameters come in between.
     pub async fn write(
         &self,
         split: SplitMove,

@@ -450,7 +450,12 @@ fn a_drive_stops_on_loss_after_it_was_led_back_from_safe_op_whatever_a_start_up_
 #[test]
 fn a_request_that_the_drive_has_forgotten_in_init_holds_up_no_recovery() {
     let mut yard = Yard::new(personality::generic(), unhomed(drives::generic(), &["z"]));
-    let sdo = yard.rig.net().sdo(1).unwrap().with_timeout(Duration::from_secs(20));
+    let sdo = yard
+        .rig
+        .net()
+        .sdo(1)
+        .unwrap()
+        .with_timeout(Duration::from_secs(20));
     let slow = |yard: &Yard, delay| {
         let mut segment = yard.line.segment();
         segment.device_mut(MIDDLE).unwrap().set_mailbox_delay(delay);
