@@ -2,7 +2,10 @@
 
 use std::{
     io,
-    sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel},
+    sync::{
+        Mutex, PoisonError,
+        mpsc::{Receiver, RecvTimeoutError, channel, sync_channel},
+    },
     thread::{self, JoinHandle},
     time::Instant,
 };
@@ -22,8 +25,8 @@ const NICE_0: u8 = 48;
 #[derive(Debug)]
 pub(crate) struct OrdinaryThread {
     thread: JoinHandle<()>,
-    /// Fails once its work is over.
-    over: Receiver<()>,
+    /// Fails once its work is over. Behind a lock, which nobody waits for, so that tasks can share what has this.
+    over: Mutex<Receiver<()>>,
 }
 
 impl OrdinaryThread {
@@ -54,14 +57,21 @@ impl OrdinaryThread {
             .map_err(failed)?;
         match is_ordinary.recv() {
             Ok(Err(error)) => Err(AttachError::Scheduling(error)),
-            _ => Ok(Self { thread, over }),
+            _ => Ok(Self {
+                thread,
+                over: Mutex::new(over),
+            }),
         }
     }
 
     /// Waits until its work is over, but no longer than until then: the thread is left to itself after that.
     pub fn end(self, until: Instant) -> ThreadEnd {
         let left = until.saturating_duration_since(Instant::now());
-        match self.over.recv_timeout(left) {
+        let over = self
+            .over
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner);
+        match over.recv_timeout(left) {
             Err(RecvTimeoutError::Timeout) => ThreadEnd::StillAtWork,
             _ => match self.thread.join() {
                 Ok(()) => ThreadEnd::Over,

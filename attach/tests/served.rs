@@ -526,3 +526,11 @@ fn a_socket_in_use_an_open_directory_and_a_path_for_a_name_are_refused() {
     ));
     smol::block_on(net.shutdown()).unwrap();
 }
+
+/// A task of the program's waits for what clients ask for.
+#[test]
+fn what_is_shown_is_shared_by_tasks() {
+    fn is_shared<T: Send + Sync>() {}
+    is_shared::<servocrab_attach::Attached>();
+    is_shared::<servocrab_attach::Forwarded>();
+}
