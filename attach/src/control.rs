@@ -4,6 +4,8 @@
 //! `{"hold": {"axis": "x", "velocity": 5.0, "tick": 17}}`. A hold that echoes an old tick was delayed on its way and feeds nothing. Each
 //! jog has a dead-man time, which the axis core judges on the bus thread: whatever becomes of the page, of this connection or of this
 //! server, the target velocity is 0 in the next frame after it.
+//!
+//! A stop by `{"stop": {"axis": "x"}}` or `{"quick_stop": {}}` needs no tick, and is answered by `{"asked": true}`.
 
 use std::{
     collections::HashMap,
@@ -22,7 +24,14 @@ use tokio::{
     time::{MissedTickBehavior, interval},
 };
 
-use crate::{grants::GrantedAxis, refusal::Refusal, server::Client, shown::Shown, streams::sent};
+use crate::{
+    grants::GrantedAxis,
+    refusal::Refusal,
+    requests::{stop_all, stop_axis},
+    server::Client,
+    shown::Shown,
+    streams::sent,
+};
 
 /// From one tick to the next.
 const TICK: Duration = Duration::from_millis(40);
@@ -45,6 +54,10 @@ enum Said {
     },
     /// It is let go.
     Release { axis: String },
+    /// The axis is stopped. A browser lets requests wait for those before them, and no WebSocket.
+    Stop { axis: String },
+    /// All axes are stopped by quick stop.
+    QuickStop {},
 }
 
 /// The latest hold of a jog, for its task.
@@ -123,14 +136,14 @@ pub(crate) async fn serve(shown: Shown, client: Client, mut socket: WebSocket) {
                     let _ = sent(&mut socket, text(&error.json())).await;
                     return;
                 }
-                let refusal = match message {
-                    Some(Ok(Message::Text(said))) => jogs.hear(&said).err(),
+                let answer = match message {
+                    Some(Ok(Message::Text(said))) => jogs.hear(&said).unwrap_or_else(|refusal| Some(refusal.json())),
                     Some(Ok(Message::Ping(_) | Message::Pong(_))) => None,
-                    Some(Ok(Message::Binary(_))) => Some(Refusal::of("bad_message", "JSON in text messages is expected")),
+                    Some(Ok(Message::Binary(_))) => Some(Refusal::of("bad_message", "JSON in text messages is expected").json()),
                     _ => return,
                 };
-                if let Some(refusal) = refusal
-                    && !sent(&mut socket, text(&refusal.json())).await
+                if let Some(answer) = answer
+                    && !sent(&mut socket, text(&answer)).await
                 {
                     return;
                 }
@@ -145,21 +158,30 @@ fn text(json: &Value) -> Message {
 }
 
 impl Jogs {
-    fn hear(&mut self, said: &str) -> Result<(), Refusal> {
+    /// What is answered, where something is.
+    fn hear(&mut self, said: &str) -> Result<Option<Value>, Refusal> {
         let said = serde_json::from_str(said)
             .map_err(|error| Refusal::of("bad_message", format!("not understood: {error}")))?;
         match said {
             Said::Release { axis } => {
                 // The task hears it by that.
                 self.held.remove(&axis);
-                Ok(())
             }
             Said::Hold {
                 axis,
                 velocity,
                 tick,
-            } => self.hold(axis, velocity, tick),
+            } => self.hold(axis, velocity, tick)?,
+            Said::Stop { axis } => {
+                stop_axis(&self.shown, &self.client, &axis)?;
+                return Ok(Some(json!({"asked": true})));
+            }
+            Said::QuickStop {} => {
+                stop_all(&self.shown, &self.client);
+                return Ok(Some(json!({"asked": true})));
+            }
         }
+        Ok(None)
     }
 
     fn hold(&mut self, axis: String, velocity: f64, tick: u64) -> Result<(), Refusal> {

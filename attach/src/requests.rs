@@ -369,22 +369,32 @@ async fn stop(
     State(shown): State<Shown>,
     Extension(client): Extension<Client>,
     Path(name): Path<String>,
-) -> Response {
-    if let Err(error) = shown.view.stop_axis(&name, StopRequest::STOP) {
-        return Refusal::new(StatusCode::NOT_FOUND, "no_axis", error.to_string()).into_response();
-    }
-    shown
-        .log
-        .warn(format_args!("axis {name} is stopped by {client}"));
-    accepted()
+) -> Result<Response, Refusal> {
+    stop_axis(&shown, &client, &name)?;
+    Ok(accepted())
 }
 
 async fn quick_stop(State(shown): State<Shown>, Extension(client): Extension<Client>) -> Response {
+    stop_all(&shown, &client);
+    accepted()
+}
+
+/// Stops an axis by request of a client.
+pub(crate) fn stop_axis(shown: &Shown, client: &Client, name: &str) -> Result<(), Refusal> {
+    let stopped = shown.view.stop_axis(name, StopRequest::STOP);
+    stopped.map_err(|error| Refusal::new(StatusCode::NOT_FOUND, "no_axis", error.to_string()))?;
+    shown
+        .log
+        .warn(format_args!("axis {name} is stopped by {client}"));
+    Ok(())
+}
+
+/// Stops all axes by quick stop, by request of a client.
+pub(crate) fn stop_all(shown: &Shown, client: &Client) {
     shown.view.stop_all(StopRequest::QUICK_STOP);
     shown
         .log
         .warn(format_args!("all axes are stopped by {client}"));
-    accepted()
 }
 
 /// The stop is in the next frame; whether the axes stand, `/v1/axes` says.

@@ -270,6 +270,37 @@ fn holds_that_were_delayed_on_their_way_move_nothing() {
     smol::block_on(net.shutdown()).unwrap();
 }
 
+/// A browser has six requests to a server under way, and a further one waits until one of them is answered.
+#[test]
+fn a_stop_over_the_control_socket_needs_no_request_no_grant_and_no_tick() {
+    let (net, _segment) = machine();
+    let (_runtime, attached) = shown(&net, &[motion()]);
+    let x = enabled(&net);
+    for stop in [json!({"stop": {"axis": "x"}}), json!({"quick_stop": {}})] {
+        smol::block_on(x.enable()).unwrap();
+        let mut socket = websocket(&attached, "/v1/control");
+        let by = r#"{"by":4000,"velocity":20}"#;
+        let moved = std::thread::scope(|scope| {
+            let moved = scope.spawn(|| ask(&attached, "POST /v1/axes/x/move", by));
+            let started = Instant::now();
+            while x.status().velocity == 0 {
+                assert!(started.elapsed() < TIME, "{stop}");
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            socket.send(Message::text(stop.to_string())).unwrap();
+            assert_eq!(answered(&mut socket), json!({"asked": true}), "{stop}");
+            moved.join().unwrap()
+        });
+        assert_eq!(code(&moved.1), "axis", "{stop}");
+        assert!(stands(&net), "{stop}");
+    }
+    let mut socket = websocket(&attached, "/v1/control");
+    let unknown = json!({"stop": {"axis": "z"}}).to_string();
+    socket.send(Message::text(unknown)).unwrap();
+    assert_eq!(code(&answered(&mut socket)), "no_axis");
+    smol::block_on(net.shutdown()).unwrap();
+}
+
 #[test]
 fn nothing_is_written_moved_or_enabled_without_a_grant_of_just_that() {
     let (net, _segment) = machine();

@@ -19,8 +19,8 @@ function tell(text) {
   find("message").hidden = text === "";
 }
 
-async function ask(path, body, method) {
-  const options = { headers: { Authorization: `Bearer ${token}` }, method: method ?? (body === undefined ? "GET" : "POST") };
+async function ask(path, body, method, signal) {
+  const options = { headers: { Authorization: `Bearer ${token}` }, method: method ?? (body === undefined ? "GET" : "POST"), signal };
   if (body !== undefined && body !== null) options.body = JSON.stringify(body);
   const response = await fetch(path, options);
   const answer = await response.json();
@@ -45,22 +45,42 @@ function openSocket(path) {
 
 // Stops: on the screen at all times, and by one key.
 
-/** A stop may be asked for more than once, so a connection that ends on the way does not lose it. */
-async function stop(path) {
+// A browser has six requests to one server under way, and further ones wait. Moves are answered at their end.
+const STOP_ANSWERS = 2000;
+const stops = new Set();
+
+/**
+ * Over the WebSocket, which waits for no request, and by a request, which needs no WebSocket. A stop may be asked for more than once, so a
+ * connection that ends on the way does not lose it.
+ */
+async function stop(path, said) {
   tell("");
   for (let attempt = 1; ; attempt += 1) {
+    const request = new AbortController();
+    const late = setTimeout(() => request.abort(), STOP_ANSWERS);
+    let heard;
+    const answered = new Promise((resolve) => { heard = resolve; });
+    if (control?.readyState === WebSocket.OPEN) {
+      stops.add(heard);
+      control.send(JSON.stringify(said));
+    }
     try {
-      return await ask(path, null, "POST");
+      return await Promise.race([answered, ask(path, null, "POST", request.signal)]);
     } catch (error) {
-      tell(`${path}: ${error.message}`);
-      if (!(error instanceof TypeError) || attempt === 5) return null;
+      const lost = error instanceof TypeError || error.name === "AbortError";
+      tell(`${path}: ${error.name === "AbortError" ? "there is no answer" : error.message}`);
+      if (!lost || attempt === 5) return null;
+    } finally {
+      clearTimeout(late);
+      stops.delete(heard);
+      request.abort();
     }
   }
 }
 
 function quickStop() {
   releaseAll();
-  stop("/v1/quick_stop");
+  stop("/v1/quick_stop", { quick_stop: {} });
 }
 find("quick-stop").addEventListener("click", quickStop);
 addEventListener("keydown", (event) => {
@@ -80,6 +100,8 @@ function connect() {
     if (said.tick !== undefined) {
       tick = said.tick;
       for (const [axis, velocity] of held) control.send(JSON.stringify({ hold: { axis, velocity, tick } }));
+    } else if (said.asked) {
+      for (const heard of stops) heard(said);
     } else if (said.error) {
       tell(said.error.text);
     } else if (said.jog && said.jog.state === "ended") {
@@ -165,7 +187,7 @@ function card(axis) {
     made.addEventListener("click", action);
     return made;
   };
-  const rows = [make("div", { className: "row" }, button("Stop", () => stop(`${path}/stop`)))];
+  const rows = [make("div", { className: "row" }, button("Stop", () => stop(`${path}/stop`, { stop: { axis: axis.name } })))];
   if (granted) {
     rows[0].append(button("Enable", () => act(`${path}/enable`)), button("Disable", () => act(`${path}/disable`)),
       button("Reset fault", () => act(`${path}/reset_fault`)));
@@ -528,12 +550,19 @@ async function begin() {
   connect();
 }
 
+/** After this time without an answer what is shown is old, and the page says so. */
+const AXES_ANSWER = 1000;
+
 async function refresh() {
+  const request = new AbortController();
+  const late = setTimeout(() => request.abort(), AXES_ANSWER);
   try {
-    showAxes(await ask("/v1/axes"));
+    showAxes(await ask("/v1/axes", undefined, "GET", request.signal));
     connected("connected", "good");
   } catch (error) {
-    connected(error.message, "bad");
+    connected(error.name === "AbortError" ? "no answer: what is shown is old" : error.message, "bad");
+  } finally {
+    clearTimeout(late);
   }
   setTimeout(refresh, 150);
 }

@@ -75,6 +75,7 @@ fn run(pictures: &Path) -> Result<()> {
     browser.picture(&pictures.join("panel.png"))?;
     browser.picture_of("#scope-section", &pictures.join("scope.png"))?;
     an_object_is_asked_for(&browser)?;
+    a_stop_waits_for_no_request(&browser)?;
     a_fault_is_seen(&browser, &machine)?;
     browser.picture_of("#events-section", &pictures.join("black-box.png"))?;
     browser.picture_of("#statistics-section", &pictures.join("cycles.png"))?;
@@ -230,6 +231,25 @@ fn an_object_is_asked_for(browser: &Browser) -> Result<()> {
     match has("6066h:00", "12345") && has("6067h:00", "none") {
         true => Ok(()),
         false => Err(format!("the differences are {differences}").into()),
+    }
+}
+
+/// A browser lets a request wait until one of six others is answered, as those of moves are at their end.
+fn a_stop_waits_for_no_request(browser: &Browser) -> Result<()> {
+    let said = browser.run_async(
+        "const done = arguments[0]; \
+         const own = window.ask; \
+         window.ask = () => new Promise(() => {}); \
+         const began = performance.now(); \
+         stop('/v1/axes/y/stop', {stop: {axis: 'y'}}).then((answer) => { \
+             window.ask = own; \
+             done(answer?.asked === true && performance.now() - began < 1000); \
+         })",
+        &json!([]),
+    )?;
+    match said == true {
+        true => Ok(()),
+        false => Err("a stop has waited for a request".into()),
     }
 }
 
