@@ -116,8 +116,10 @@ function connect() {
   };
 }
 
-function hold(axis, velocity, button) {
-  if (!Number.isFinite(velocity) || velocity === 0) return tell("the velocity of a jog is a number other than 0");
+function hold(axis, direction, speed, button) {
+  // The button says which way.
+  if (!(speed > 0)) return tell("the velocity of a jog is a number above 0");
+  const velocity = direction * speed;
   if (tick === null) return tell("there is no connection");
   tell("");
   held.set(axis, velocity);
@@ -141,7 +143,7 @@ document.addEventListener("visibilitychange", () => {
   if (document.hidden) releaseAll();
 });
 
-function jogButton(axis, text, velocity) {
+function jogButton(axis, text, direction, speed) {
   const button = make("button", { className: "jog", textContent: text });
   button.dataset.axis = axis;
   button.setAttribute("aria-label", `hold to jog ${axis} ${text}`);
@@ -149,14 +151,14 @@ function jogButton(axis, text, velocity) {
   button.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
     button.setPointerCapture(event.pointerId);
-    hold(axis, velocity(), button);
+    hold(axis, direction, speed(), button);
   });
   for (const kind of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(kind, end);
   button.addEventListener("contextmenu", (event) => event.preventDefault());
   button.addEventListener("keydown", (event) => {
     if (event.key === " " && !event.repeat) {
       event.preventDefault();
-      hold(axis, velocity(), button);
+      hold(axis, direction, speed(), button);
     }
   });
   button.addEventListener("keyup", end);
@@ -195,8 +197,8 @@ function card(axis) {
   if (granted && granted.max_velocity !== null) {
     const velocity = make("input", { type: "number", step: "any", min: 0, max: granted.max_velocity, value: granted.max_velocity / 10 });
     velocity.setAttribute("aria-label", `jog velocity of ${axis.name}`);
-    rows.push(make("div", { className: "row" }, jogButton(axis.name, "−", () => -velocity.valueAsNumber),
-      jogButton(axis.name, "+", () => velocity.valueAsNumber), velocity, make("span", { textContent: `${axis.unit}/s` })));
+    rows.push(make("div", { className: "row" }, jogButton(axis.name, "−", -1, () => velocity.valueAsNumber),
+      jogButton(axis.name, "+", 1, () => velocity.valueAsNumber), velocity, make("span", { textContent: `${axis.unit}/s` })));
   }
   if (granted?.moves) {
     const to = make("input", { type: "number", step: "any", value: 0 });
@@ -340,38 +342,72 @@ const hexadecimal = (number, digits) => number.toString(16).toUpperCase().padSta
 const address = (object) => `${hexadecimal(object.index, 4)}h:${hexadecimal(object.subindex, 2)}`;
 const objectPath = (drive, object) => `/v1/od/${drive}/${hexadecimal(object.index, 4)}h/${hexadecimal(object.subindex, 2)}`;
 
-function valueOf(bytes, type) {
-  const view = new DataView(Uint8Array.from(bytes).buffer);
-  if (/STRING/i.test(type)) return new TextDecoder().decode(Uint8Array.from(bytes)).replace(/\0+$/, "");
-  const signed = /^(INTEGER|I)\d/i.test(type);
-  if (bytes.length === 1) return signed ? view.getInt8(0) : view.getUint8(0);
-  if (bytes.length === 2) return signed ? view.getInt16(0, true) : view.getUint16(0, true);
-  if (bytes.length === 4) return signed ? view.getInt32(0, true) : view.getUint32(0, true);
-  if (bytes.length === 8) return (signed ? view.getBigInt64(0, true) : view.getBigUint64(0, true)).toString();
-  return bytes.map((byte) => byte.toString(16).padStart(2, "0")).join(" ");
+/** The number of these bytes, which come with the lowest first. */
+const whole = (bytes) => bytes.reduceRight((number, byte) => (number << 8n) | BigInt(byte), 0n);
+const widthOf = (type) => Number(/^(?:UNSIGNED|INTEGER|REAL)(\d+)$/.exec(type)?.[1] ?? 0) / 8;
+
+/** A number of 32 bits with the digits that it was written with, and none of the conversion's. */
+function ofSingle(value) {
+  const digits = [6, 7, 8, 9].map((count) => Number(value.toPrecision(count)));
+  return digits.find((short) => Math.fround(short) === value) ?? value;
 }
 
-function bytesOf(text, length) {
-  const number = BigInt(text.trim());
-  const bytes = [];
-  for (let place = 0; place < length; place += 1) bytes.push(Number((number >> BigInt(8 * place)) & 0xffn));
-  const back = BigInt.asIntN(8 * length, number) === number || BigInt.asUintN(8 * length, number) === number;
-  if (!back) throw new Error(`${text} does not fit into ${length} bytes`);
-  return bytes;
+function valueOf(bytes, type) {
+  if (type === "VISIBLE_STRING") return new TextDecoder().decode(Uint8Array.from(bytes)).replace(/\0+$/, "");
+  if (type === "BOOLEAN" && bytes.length === 1) return String(bytes[0]);
+  if (bytes.length === 0 || widthOf(type) !== bytes.length) {
+    return bytes.map((byte) => byte.toString(16).padStart(2, "0")).join(" ");
+  }
+  const view = new DataView(Uint8Array.from(bytes).buffer);
+  if (type === "REAL32") return String(ofSingle(view.getFloat32(0, true)));
+  if (type === "REAL64") return String(view.getFloat64(0, true));
+  return (type.startsWith("INTEGER") ? BigInt.asIntN(8 * bytes.length, whole(bytes)) : whole(bytes)).toString();
+}
+
+/** The bytes of what was typed. What the type does not hold is refused: a number that is cut is another one. */
+function bytesOf(text, type, bits) {
+  const typed = text.trim();
+  const wrong = () => new Error(`"${typed}" is no ${type}${bits ? ` of ${bits} bits` : ""}`);
+  if (typed === "") throw wrong();
+  if (type === "VISIBLE_STRING") {
+    const bytes = [...new TextEncoder().encode(typed)];
+    if (bits && 8 * bytes.length > bits) throw wrong();
+    return bytes;
+  }
+  if (type === "BOOLEAN") {
+    if (!/^[01]$/.test(typed)) throw wrong();
+    return [Number(typed)];
+  }
+  const width = widthOf(type);
+  if (width === 0) {
+    if (!/^[0-9a-f]{2}( [0-9a-f]{2})*$/i.test(typed)) throw new Error(`"${typed}" is not bytes in hexadecimal, as "0A FF"`);
+    return typed.split(" ").map((byte) => Number.parseInt(byte, 16));
+  }
+  if (type.startsWith("REAL")) {
+    const number = Number(typed);
+    const view = new DataView(new ArrayBuffer(width));
+    if (width === 4) view.setFloat32(0, number, true);
+    else view.setFloat64(0, number, true);
+    const kept = width === 4 ? view.getFloat32(0, true) : number;
+    if (!Number.isFinite(kept)) throw wrong();
+    return [...new Uint8Array(view.buffer)];
+  }
+  if (!/^(-?\d+|0x[0-9a-f]+)$/i.test(typed)) throw wrong();
+  const number = BigInt(typed);
+  const kept = type.startsWith("INTEGER") ? BigInt.asIntN(8 * width, number) : BigInt.asUintN(8 * width, number);
+  if (kept !== number) throw wrong();
+  return Array.from({ length: width }, (_, place) => Number((number >> BigInt(8 * place)) & 0xffn));
 }
 
 function objectRow(drive, object) {
   const value = make("td");
   const path = objectPath(drive, object);
-  let length = object.bits / 8;
   const read = make("button", { textContent: "Read" });
   read.addEventListener("click", async () => {
     try {
       const answer = await ask(path);
-      length = answer.bytes.length;
-      const shown = valueOf(answer.bytes, object.type);
-      const word = typeof shown === "number" ? ` (${hexadecimal(shown >>> 0, 1)}h)` : "";
-      value.textContent = `${shown}${word}`;
+      const word = /^(UNSIGNED|INTEGER)/.test(object.type) ? ` (${hexadecimal(whole(answer.bytes), 1)}h)` : "";
+      value.textContent = `${valueOf(answer.bytes, object.type)}${word}`;
     } catch (error) {
       value.textContent = error.message;
     }
@@ -380,10 +416,10 @@ function objectRow(drive, object) {
   if (grants.parameters && /w/i.test(object.access)) {
     const write = make("button", { textContent: "Write" });
     write.addEventListener("click", async () => {
-      const text = prompt(`${address(object)} ${object.name}: write which number?`);
+      const text = prompt(`${address(object)} ${object.name}: write which ${object.type}?`);
       if (text === null) return;
       try {
-        await ask(path, { bytes: bytesOf(text, length) });
+        await ask(path, { bytes: bytesOf(text, object.type, object.bits) });
         read.click();
         for (const [name, parts] of cards) showLimits(`/v1/axes/${encodeURIComponent(name)}`, parts.limits);
       } catch (error) {

@@ -75,6 +75,8 @@ fn run(pictures: &Path) -> Result<()> {
     browser.picture(&pictures.join("panel.png"))?;
     browser.picture_of("#scope-section", &pictures.join("scope.png"))?;
     an_object_is_asked_for(&browser)?;
+    values_are_of_their_types(&browser)?;
+    a_jog_goes_the_way_of_its_button(&browser, &machine)?;
     a_stop_waits_for_no_request(&browser)?;
     a_fault_is_seen(&browser, &machine)?;
     browser.picture_of("#events-section", &pictures.join("black-box.png"))?;
@@ -231,6 +233,53 @@ fn an_object_is_asked_for(browser: &Browser) -> Result<()> {
     match has("6066h:00", "12345") && has("6067h:00", "none") {
         true => Ok(()),
         false => Err(format!("the differences are {differences}").into()),
+    }
+}
+
+/// What is shown and written is what the type holds; a number that would be cut is refused.
+fn values_are_of_their_types(browser: &Browser) -> Result<()> {
+    let said = browser.run(
+        "const is = (shown, expected) => { if (String(shown) !== expected) throw new Error(`${shown} is not ${expected}`); }; \
+         const refused = (...of) => { let bytes; try { bytes = bytesOf(...of); } catch { return; } throw new Error(`${of} is ${bytes}`); }; \
+         try { \
+             is(valueOf([0, 0, 192, 63], 'REAL32'), '1.5'); \
+             is(valueOf([205, 204, 204, 61], 'REAL32'), '0.1'); \
+             is(valueOf([255, 255, 255], 'INTEGER24'), '-1'); \
+             is(valueOf([255, 255], 'UNSIGNED16'), '65535'); \
+             is(bytesOf('1.5', 'REAL32', 32), '0,0,192,63'); \
+             is(bytesOf('-2', 'INTEGER16', 16), '254,255'); \
+             is(bytesOf('0xFFFF', 'UNSIGNED16', 16), '255,255'); \
+             is(bytesOf('12', 'VISIBLE_STRING', 64), '49,50'); \
+             refused('', 'UNSIGNED32', 32); \
+             refused('-1', 'UNSIGNED16', 16); \
+             refused('40000', 'INTEGER16', 16); \
+             refused('1e39', 'REAL32', 32); \
+             refused('2', 'BOOLEAN', 1); \
+             return 'so'; \
+         } catch (error) { return error.message; }",
+    )?;
+    match said == "so" {
+        true => Ok(()),
+        false => Err(format!("a value on the page: {said}").into()),
+    }
+}
+
+/// A sign that was typed does not turn the buttons around.
+fn a_jog_goes_the_way_of_its_button(browser: &Browser, machine: &Machine) -> Result<()> {
+    let field = "document.querySelector('.card[data-axis=x] input')";
+    browser.run(&format!(
+        "window.typed = {field}.value; {field}.value = '-5'"
+    ))?;
+    browser.hold("button.jog[data-axis=x]:nth-of-type(2)")?;
+    browser.wait(
+        "a jog with -5 is refused",
+        "return document.querySelector('#message').textContent.includes('above 0')",
+    )?;
+    browser.release()?;
+    browser.run(&format!("{field}.value = window.typed"))?;
+    match machine.speed() < 0.1 {
+        true => Ok(()),
+        false => Err("a jog with a negative number has moved the axis".into()),
     }
 }
 
