@@ -414,18 +414,22 @@ function objectRow(drive, object) {
   });
   const buttons = make("td", {}, read);
   if (grants.parameters && /w/i.test(object.access)) {
+    // No prompt(): while it is open the page hears neither a button nor a key, so nobody could stop.
+    const typed = make("input", { type: "text", size: 10 });
+    typed.setAttribute("aria-label", `value for ${address(object)}`);
     const write = make("button", { textContent: "Write" });
     write.addEventListener("click", async () => {
-      const text = prompt(`${address(object)} ${object.name}: write which ${object.type}?`);
-      if (text === null) return;
       try {
-        await ask(path, { bytes: bytesOf(text, object.type, object.bits) });
+        tell("");
+        await ask(path, { bytes: bytesOf(typed.value, object.type, object.bits) });
+        typed.value = "";
         read.click();
         for (const [name, parts] of cards) showLimits(`/v1/axes/${encodeURIComponent(name)}`, parts.limits);
       } catch (error) {
         tell(error.message);
       }
     });
+    buttons.append(" ", typed);
     buttons.append(" ", write);
   }
   return make("tr", {}, make("td", { textContent: address(object) }), make("td", { textContent: object.name }),

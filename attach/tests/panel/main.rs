@@ -76,6 +76,7 @@ fn run(pictures: &Path) -> Result<()> {
     browser.picture_of("#scope-section", &pictures.join("scope.png"))?;
     an_object_is_asked_for(&browser)?;
     values_are_of_their_types(&browser)?;
+    a_write_asks_by_no_window(&browser)?;
     a_jog_goes_the_way_of_its_button(&browser, &machine)?;
     a_stop_waits_for_no_request(&browser)?;
     a_fault_is_seen(&browser, &machine)?;
@@ -262,6 +263,30 @@ fn values_are_of_their_types(browser: &Browser) -> Result<()> {
         true => Ok(()),
         false => Err(format!("a value on the page: {said}").into()),
     }
+}
+
+/// A window that asks for a value lets neither the button nor the key of the quick stop through.
+fn a_write_asks_by_no_window(browser: &Browser) -> Result<()> {
+    let asked = browser.run(
+        "const [own, granted] = [window.prompt, grants]; \
+         let asked = false; \
+         window.prompt = () => { asked = true; return null; }; \
+         grants = { parameters: true, axes: [] }; \
+         const row = objectRow(0, { index: 0x6072, subindex: 0, name: '', type: 'UNSIGNED16', bits: 16, access: 'rw' }); \
+         row.querySelectorAll('button')[1].click(); \
+         const said = document.querySelector('#message').textContent; \
+         [window.prompt, grants] = [own, granted]; \
+         return asked ? 'a window asks' : said",
+    )?;
+    match said_no_value(&asked) {
+        true => Ok(()),
+        false => Err(format!("a write without a value: {asked}").into()),
+    }
+}
+
+fn said_no_value(said: &Value) -> bool {
+    said.as_str()
+        .is_some_and(|said| said.contains("is no UNSIGNED16"))
 }
 
 /// A sign that was typed does not turn the buttons around.
