@@ -152,8 +152,10 @@ pub(crate) async fn move_axis(
         "move {name} {} {value}",
         if is_relative { "by" } else { "to" }
     );
+    let of_work = shown.clone();
     let work = async move {
         let lease = granted.axis.profile_position().await?;
+        let _led = of_work.led(&name);
         let set_point = SetPoint::new().velocity(velocity);
         let begun = match is_relative {
             true => lease.move_rel(value, set_point).await,
@@ -187,18 +189,15 @@ pub(crate) async fn home(
     let HomeBody { method, within } = body(&bytes)?;
     let within = Duration::try_from_secs_f64(within);
     let within = within.map_err(|error| Refusal::of("bad_body", format!("`within`: {error}")))?;
+    let what = format!("home {name} by method {method}");
+    let of_work = shown.clone();
     let work = async move {
         let lease = axis.homing().await?;
+        let _led = of_work.led(&name);
         let parameters = HomingParameters::new(HomingMethod(method));
         let homed = lease.home(parameters).within(within).await;
         let released = lease.release().await;
         homed.and_then(|homed| released.map(|()| format!("homed at {} counts", homed.position)))
     };
-    Ok(finish(
-        shown,
-        client,
-        format!("home {name} by method {method}"),
-        work,
-    )
-    .await)
+    Ok(finish(shown, client, what, work).await)
 }

@@ -239,7 +239,7 @@ async fn jog(
     shown: Shown,
     client: Client,
 ) {
-    let ended = match held(&name, &granted, latest, &answers).await {
+    let ended = match held(&shown, &name, &granted, latest, &answers).await {
         Ok(()) => json!({"jog": {"axis": name, "state": "released"}}),
         Err(error) => {
             let refusal = shown.refusal_of(&error, &client);
@@ -251,12 +251,14 @@ async fn jog(
 }
 
 async fn held(
+    shown: &Shown,
     name: &str,
     granted: &GrantedAxis,
     mut latest: watch::Receiver<Held>,
     answers: &mpsc::Sender<Value>,
 ) -> Result<(), servocrab::AxisError> {
     let lease = granted.axis.profile_velocity().await?;
+    let _led = shown.led(name);
     // Whoever held it may have let go, or be gone, while the drive changed its mode.
     let first = *latest.borrow_and_update();
     if latest.has_changed().is_err() || first.at.elapsed() > FRESH {

@@ -156,6 +156,7 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
         asks,
         streams: Arc::default(),
         dictionaries: Arc::default(),
+        led: Arc::default(),
         log: log.clone(),
     });
     let socket = socket(&attach)?;

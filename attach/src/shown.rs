@@ -2,7 +2,7 @@
 
 use std::{
     collections::HashMap,
-    sync::{Arc, Mutex},
+    sync::{Arc, Mutex, PoisonError},
     time::Duration,
 };
 
@@ -43,10 +43,43 @@ pub(crate) struct Shown {
     pub streams: Arc<Streams>,
     /// The objects of each drive, once they were listed.
     pub dictionaries: Arc<Mutex<HashMap<u16, Value>>>,
+    /// How many of the clients' tasks have the mode of each axis.
+    pub led: Arc<Mutex<HashMap<String, usize>>>,
     pub log: Log,
 }
 
+/// A client's task has the mode of this axis, until this is dropped.
+pub(crate) struct Led {
+    axis: String,
+    all: Arc<Mutex<HashMap<String, usize>>>,
+}
+
+impl Drop for Led {
+    fn drop(&mut self) {
+        let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(tasks) = all.get_mut(&self.axis) {
+            *tasks = tasks.saturating_sub(1);
+        }
+    }
+}
+
 impl Shown {
+    /// For who has just got the lease of an axis, to be dropped before it.
+    pub fn led(&self, axis: &str) -> Led {
+        let mut all = self.led.lock().unwrap_or_else(PoisonError::into_inner);
+        let tasks = all.entry(axis.to_owned()).or_default();
+        *tasks = tasks.saturating_add(1);
+        Led {
+            axis: axis.to_owned(),
+            all: Arc::clone(&self.led),
+        }
+    }
+
+    fn is_led(&self, axis: &str) -> bool {
+        let all = self.led.lock().unwrap_or_else(PoisonError::into_inner);
+        all.get(axis).is_some_and(|tasks| *tasks > 0)
+    }
+
     /// The turn of one transfer.
     pub async fn turn(&self) -> Result<SemaphorePermit<'_>, Refusal> {
         match timeout(TURN, self.transfers.acquire()).await {
@@ -58,10 +91,17 @@ impl Shown {
         }
     }
 
-    /// Why an axis did not do it. Where the program holds the axis' mode it is asked for it.
+    /// Why an axis did not do it. Where the program holds the axis' mode it is asked for it; where a client
+    /// does, nobody is.
     pub fn refusal_of(&self, error: &AxisError, client: &Client) -> Refusal {
         if !matches!(error.kind, AxisErrorKind::ModeInUse) {
             return Refusal::of("axis", error.to_string());
+        }
+        if self.is_led(&error.identity.axis) {
+            let text = format!(
+                "{error}; a client has it, or its jog is still coming to a stand: ask again later"
+            );
+            return Refusal::new(StatusCode::CONFLICT, "in_use", text);
         }
         let asked = AskedFor {
             axis: error.identity.axis.to_string(),

@@ -270,6 +270,50 @@ fn holds_that_were_delayed_on_their_way_move_nothing() {
     smol::block_on(net.shutdown()).unwrap();
 }
 
+/// The program has no lease that it could give back.
+#[test]
+fn the_program_is_not_asked_for_an_axis_that_a_client_has() {
+    let (net, _segment) = machine();
+    let (_runtime, attached) = shown(&net, &[jog(), motion()]);
+    let x = enabled(&net);
+    let mut socket = websocket(&attached, "/v1/control");
+    begun(&net, &mut socket, 10.0);
+    let (status, refused) = ask(
+        &attached,
+        "POST /v1/axes/x/home",
+        r#"{"method":37,"within":1}"#,
+    );
+    assert_eq!((status, code(&refused)), (409, "in_use"));
+    let text = refused["error"]["text"].as_str().unwrap();
+    assert!(text.contains("a client has it"), "{text}");
+    drop(socket);
+    assert!(stands(&net));
+    // What the program holds it is asked for: this is the first question.
+    let started = Instant::now();
+    let lease = loop {
+        match smol::block_on(x.profile_position()) {
+            Ok(lease) => break lease,
+            Err(error) => assert!(started.elapsed() < TIME, "{error}"),
+        }
+    };
+    let to = r#"{"to":1,"velocity":1}"#;
+    assert_eq!(
+        code(&ask(&attached, "POST /v1/axes/x/move", to).1),
+        "in_use"
+    );
+    assert!(smol::block_on(attached.asked()).is_some());
+    let second = smol::block_on(smol::future::or(
+        async { Some(attached.asked().await) },
+        async {
+            smol::Timer::after(Duration::from_millis(50)).await;
+            None
+        },
+    ));
+    assert_eq!(second, None);
+    smol::block_on(lease.release()).unwrap();
+    smol::block_on(net.shutdown()).unwrap();
+}
+
 /// A browser has six requests to a server under way, and a further one waits until one of them is answered.
 #[test]
 fn a_stop_over_the_control_socket_needs_no_request_no_grant_and_no_tick() {
