@@ -35,8 +35,11 @@ pub(crate) struct Arguments {
 
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     if let Some(interface) = arguments.line.interface()
-        && let Ok(shown) = forward(&socket_of(interface), arguments.port)
+        && arguments.line.program()?.is_some()
     {
+        // A port that is taken is said, and is no reason to open the line.
+        let shown = forward(&socket_of(interface), arguments.port);
+        let shown = shown.map_err(|error| Failure::from(error.to_string()))?;
         tool.note("a program has this network: what it grants holds");
         say(tool, shown.panel())?;
         tool.interrupted().await;

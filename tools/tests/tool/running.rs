@@ -333,6 +333,17 @@ fn a_recording_that_is_interrupted_is_complete() {
     program.end();
 }
 
+/// It does not try to open the line, which the program has.
+#[test]
+fn a_panel_says_that_its_port_is_taken() {
+    let program = Program::start();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port();
+    let (status, _, said) = program.run(&format!("panel --interface sim0 --port {port}"));
+    assert_eq!(status, Some(2), "{said}");
+    assert!(said.contains(&format!("127.0.0.1:{port}")), "{said}");
+}
+
 #[test]
 fn a_bundle_has_what_a_running_program_shows_and_the_objects_of_its_drives() {
     let program = Program::start();
