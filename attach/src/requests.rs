@@ -4,7 +4,7 @@ use std::{collections::HashMap, time::Duration};
 
 use axum::{
     Extension, Json, Router,
-    extract::{DefaultBodyLimit, Path, Query, State, WebSocketUpgrade, ws::WebSocket},
+    extract::{DefaultBodyLimit, Path, Query, RawQuery, State, WebSocketUpgrade, ws::WebSocket},
     http::{StatusCode, header::CONTENT_TYPE},
     response::{IntoResponse, Response},
     routing::{get, post},
@@ -12,7 +12,7 @@ use axum::{
 use serde_json::{Map, Value, json};
 use servocrab::{
     axis::StopRequest,
-    bus::{Durations, NetworkEvent, NoSignal, Signal},
+    bus::{Durations, NetworkEvent, NetworkView, NoSignal, Signal},
 };
 
 use crate::{
@@ -299,17 +299,41 @@ async fn black_box(
     })))
 }
 
+/// The names of the signals. A comma in a name is escaped, and one between two names is not. A client that escapes the latter too gets what
+/// it means as long as no name has a comma.
+fn names(view: &NetworkView, raw: &str, query: &HashMap<String, String>) -> Vec<String> {
+    let escaped = raw
+        .split('&')
+        .find_map(|part| part.strip_prefix("signals="));
+    let names = escaped.unwrap_or_default().split(',');
+    let whole = query.get("signals").map_or("", String::as_str);
+    let names: Vec<_> = names.filter_map(unescaped).collect();
+    match names.as_slice() {
+        [_, _, ..] => names,
+        _ if whole.parse().is_ok_and(|one| view.recorder([one]).is_ok()) => vec![whole.to_owned()],
+        _ => whole.split(',').map(str::to_owned).collect(),
+    }
+}
+
+/// What this part of a query stands for.
+fn unescaped(part: &str) -> Option<String> {
+    let uri = format!("/?part={part}").parse().ok()?;
+    let Query(fields) = Query::<HashMap<String, String>>::try_from_uri(&uri).ok()?;
+    fields.into_values().next()
+}
+
 /// The signals of a query, as `signals=x.position,x.velocity&every=10`.
 async fn stream(
     State(shown): State<Shown>,
     Extension(place): Extension<Place>,
     Query(query): Query<HashMap<String, String>>,
+    RawQuery(raw): RawQuery,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
 ) -> Result<Response, Refusal> {
     let bad = |text: String| Refusal::new(StatusCode::BAD_REQUEST, "no_stream", text);
     let upgrade = upgrade.map_err(|error| bad(format!("a WebSocket is expected: {error}")))?;
-    let signals = query.get("signals").map_or("", String::as_str);
-    let signals = signals.split(',').map(str::parse::<Signal>);
+    let signals = names(&shown.view, raw.as_deref().unwrap_or_default(), &query);
+    let signals = signals.iter().map(|name| name.parse::<Signal>());
     let signals: Vec<_> = signals
         .collect::<Result<_, NoSignal>>()
         .map_err(|error| bad(error.to_string()))?;

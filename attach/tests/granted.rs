@@ -12,12 +12,15 @@ use std::{
 use serde_json::{Value, json};
 use servocrab::{
     Axis, AxisConfig, DriveConfig, Network, Referencing,
+    bus::Signal,
     coe::{AbortCode, SdoError, obj},
     drives,
     link::Wire,
     units::{Mm, Ratio, Scale},
 };
-use servocrab_attach::{AskedFor, Attach, AttachError, Attached, Grant, Program, forward, serve};
+use servocrab_attach::{
+    AskedFor, Attach, AttachError, Attached, Grant, Program, Watch, forward, serve,
+};
 use servocrab_sim::{Segment, personality};
 use tempfile::TempDir;
 use tungstenite::{
@@ -635,6 +638,38 @@ fn a_stream_has_every_cycle_once_and_two_clients_share_it() {
     for socket in &mut sockets {
         while !matches!(socket.read(), Ok(Message::Close(_)) | Err(_)) {}
     }
+}
+
+/// The names of axes and of terminals may have any characters, and "16 outputs, 16 inputs" is one of them.
+#[test]
+fn a_signal_whose_name_has_a_comma_is_streamed() {
+    let mut segment = Segment::new().with(personality::akd2g());
+    let wire = Wire::new(move |frame: &mut [u8], now| segment.process(frame, now));
+    let drive = DriveConfig::new(drives::akd2g())
+        .axis("gantry, left")
+        .axis("y");
+    let builder = Network::builder()
+        .link(wire)
+        .cycle(Duration::from_millis(2))
+        .watchdog(Duration::from_secs(5))
+        .drive(0, drive);
+    let net = smol::block_on(builder.start()).unwrap();
+    let (_runtime, attached) = shown(&net, &[]);
+    let left: Signal = "gantry, left.position".parse().unwrap();
+    let right: Signal = "y.position".parse().unwrap();
+    for signals in [vec![left.clone()], vec![left, right]] {
+        let watch = Watch::open(attached.socket(), &signals, 1).unwrap();
+        let named: Vec<Signal> = watch
+            .signals()
+            .iter()
+            .map(|known| known.signal.parse().unwrap())
+            .collect();
+        assert_eq!(named, signals);
+    }
+    // With each comma escaped, as clients do that escape the value as a whole.
+    let mut socket = websocket(&attached, "/v1/stream?signals=y.position%2Clateness");
+    assert_eq!(said(&mut socket)["signals"][1]["signal"], "lateness");
+    smol::block_on(net.shutdown()).unwrap();
 }
 
 #[test]

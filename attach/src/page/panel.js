@@ -529,7 +529,7 @@ function showIos(ios) {
   const values = points.map(() => make("td"));
   find("ios").replaceChildren(...points.map((point, place) =>
     make("tr", {}, make("td", { textContent: point.io }), make("td", { textContent: point.name }), values[place])));
-  const socket = openSocket(`/v1/stream?every=50&signals=${encodeURIComponent(points.map((point) => point.signal).join(","))}`);
+  const socket = openSocket(`/v1/stream?every=50&signals=${points.map((point) => encodeURIComponent(point.signal)).join(",")}`);
   socket.binaryType = "arraybuffer";
   socket.onmessage = (message) => {
     if (typeof message.data === "string") return;

@@ -54,7 +54,7 @@ class Scope {
     this.plot?.destroy();
     this.plot = null;
     if (signals.length === 0) return;
-    const socket = this.open(`/v1/stream?signals=${encodeURIComponent(signals.join(","))}`);
+    const socket = this.open(`/v1/stream?signals=${signals.map(encodeURIComponent).join(",")}`);
     socket.binaryType = "arraybuffer";
     socket.onmessage = (message) => {
       if (socket !== this.socket) return;
@@ -154,8 +154,10 @@ class Scope {
   csv() {
     const columns = this.runs ? this.columns : this.shown;
     const names = this.signals.map((signal, place) => (this.units[place] ? `${signal} [${this.units[place]}]` : signal));
+    // By RFC 4180, section 2.
+    const quoted = (name) => (/[,"\r\n]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name);
     const rows = columns[0].map((_, row) => columns.map((column) => column[row] ?? "").join(","));
-    return [["time [s]", ...names].join(","), ...rows].join("\n") + "\n";
+    return [["time [s]", ...names.map(quoted)].join(","), ...rows].join("\n") + "\n";
   }
 }
 
