@@ -625,8 +625,9 @@ impl<U: AxisUnit> Axis<U> {
         let fields = &handles.shared.setup.fields;
         if handles.shared.is_home_offset_in_doubt() {
             // Limits are counted from it.
+            let start = handles.shared.starts();
             let offset = self.read_if_there(obj::HOME_OFFSET).await?;
-            handles.shared.note_home_offset(offset.unwrap_or(0));
+            handles.shared.note_home_offset(start, offset.unwrap_or(0));
         }
         if fields.mode.is_none() {
             // Nothing is written before the axis has said that it stands and that nothing of the last mode is left.

@@ -274,9 +274,10 @@ impl<U: AxisUnit> Homing<U> {
         if let Some(offset) = parameters.offset {
             let shared = &self.axis.handles.shared;
             // Until its answer: it may be given up in between, and the drive take it all the same.
+            let start = shared.starts();
             shared.doubt_home_offset();
             self.put(obj::HOME_OFFSET, offset).await?;
-            shared.note_home_offset(offset);
+            shared.note_home_offset(start, offset);
         }
         Ok(())
     }

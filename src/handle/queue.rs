@@ -989,8 +989,11 @@ impl Shared {
         self.ask();
     }
 
-    /// The drive has got this home offset 607Ch.
-    pub fn note_home_offset(&self, offset: i32) {
+    /// The drive has got this home offset 607Ch, in this start of the axis. One of before a recovery may be gone, and was read again.
+    pub fn note_home_offset(&self, start: u64, offset: i32) {
+        if start != self.starts() {
+            return;
+        }
         self.home_offset_in_doubt.store(false, Ordering::Release);
         self.noted_home_offset.set(offset);
         self.note_limits_changed();

@@ -371,7 +371,7 @@ fn no_further_than_5000(yard: &mut Yard, z: &Axis) {
     });
     let failure = beyond.err().and_then(|error| error.failure());
     assert!(
-        matches!(failure, Some(Failure::BeyondLimit { .. })),
+        matches!(failure, Some(Failure::BeyondLimit { limit: 5_000, .. })),
         "{failure:?}"
     );
 }
@@ -753,6 +753,39 @@ fn a_mapped_setting_that_the_core_goes_by_is_that_of_the_first_start_after_a_rec
     assert_eq!(held, Some(first.into()));
     let now = yard.axis("z").drive_settings().velocity_windows.threshold;
     assert_eq!(now, Some(first));
+    drop(z);
+    yard.ends();
+}
+
+/// A homing was given up by the loss. Its home offset, for which it is told only later, is not in the drive any more.
+#[test]
+fn limits_are_not_counted_from_a_home_offset_of_before_the_recovery() {
+    let limit =
+        |value| StartUpWrite::new(obj::SOFTWARE_LIMIT_MAX, value).at(Transition::SafeOpToOp);
+    let drive = unhomed(drives::generic(), &["z"]).start_up(limit(5_000));
+    let mut yard = Yard::new(personality::generic(), drive);
+    let z = yard.axis("z");
+    let homing = yard.rig.until(async {
+        z.enable().await.unwrap();
+        z.homing().await.unwrap()
+    });
+    let offset = HomingParameters::new(HomingMethod::CURRENT_POSITION).offset(-10_000);
+    let mut home = Box::pin(homing.home(offset));
+    let mut context = Context::from_waker(Waker::noop());
+    let held = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x607C, 0);
+    while held(&yard) != Some(-10_000) {
+        assert!(home.as_mut().poll(&mut context).is_pending());
+        yard.rig.run_for(MS);
+    }
+    // Its answer is there by then, and nobody looks.
+    yard.rig.run_for(50 * MS);
+    loses_power_and_holds(&mut yard, 0x607C, 0);
+    yard.recover(1).unwrap();
+    let ended = yard.rig.until(home);
+    assert!(ended.is_err(), "{ended:?}");
+    assert_eq!(held(&yard), Some(0));
+    drop(homing);
+    no_further_than_5000(&mut yard, &z);
     drop(z);
     yard.ends();
 }
