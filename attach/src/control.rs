@@ -39,8 +39,9 @@ const TICK: Duration = Duration::from_millis(40);
 const FRESH: Duration = Duration::from_millis(200);
 /// How long a jog goes on without a hold.
 const DEAD_MAN: Duration = Duration::from_millis(200);
-/// Messages of one client in a second. A page that holds a jog sends 25.
-const MESSAGES: u32 = 200;
+/// Messages of one client in a second, and those of each axis that may be jogged. A page that holds a jog sends 25.
+const MESSAGES: usize = 200;
+const MESSAGES_OF_AXIS: usize = 50;
 
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -111,6 +112,7 @@ pub(crate) async fn serve(shown: Shown, client: Client, mut socket: WebSocket) {
     };
     let mut turns = interval(TICK);
     turns.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let most = MESSAGES + MESSAGES_OF_AXIS * jogs.shown.granted.axes.len();
     let (mut second, mut messages) = (Instant::now(), 0);
     // Where this ends, all its jogs end: their senders are dropped.
     loop {
@@ -131,7 +133,7 @@ pub(crate) async fn serve(shown: Shown, client: Client, mut socket: WebSocket) {
                     (second, messages) = (Instant::now(), 0);
                 }
                 messages += 1;
-                if messages > MESSAGES {
+                if messages > most {
                     let error = Refusal::of("too_many", "too many messages in a second");
                     let _ = sent(&mut socket, text(&error.json())).await;
                     return;

@@ -13,6 +13,7 @@ use serde_json::{Map, Value, json};
 use servocrab::{
     axis::StopRequest,
     bus::{Durations, NetworkEvent, NetworkView, NoSignal, Signal},
+    ds402::Controlword,
 };
 
 use crate::{
@@ -93,6 +94,7 @@ async fn axes(State(shown): State<Shown>) -> Json<Value> {
             "name": axis.identity.axis,
             "drive": axis.identity.drive.position,
             "unit": axis.unit,
+            "count": (axis.scale.position_of(1) - axis.scale.position_of(0)).abs(),
             "position": axis.position,
             "velocity": axis.velocity,
             "following_error": axis.following_error,
@@ -285,7 +287,8 @@ async fn black_box(
             "time": cycle.time.as_secs_f64(),
             "answered": format!("{:?}", cycle.answered),
             "controlword": cycle.controlword.bits(),
-            "target": scale.position_of(cycle.target),
+            // Of a relative move it is a distance.
+            "target": (!cycle.controlword.contains(Controlword::RELATIVE)).then(|| scale.position_of(cycle.target)),
             "statusword": cycle.inputs.map(|inputs| inputs.statusword.bits()),
             "state": cycle.inputs.map(|inputs| inputs.statusword.state().to_string()),
             "position": cycle.inputs.map(|inputs| scale.position_of(inputs.position)),

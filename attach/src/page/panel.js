@@ -216,18 +216,20 @@ function card(axis) {
     parts.effort, parts.limits, parts.states, parts.status, parts.control, parts.flags, ...rows);
   element.dataset.axis = axis.name;
   find("axes").append(element);
-  showLimits(path, parts.limits);
+  showLimits(path, parts.limits, axis.count);
+  parts.count = axis.count;
   return parts;
 }
 
-const number = (value) => value.toFixed(Math.abs(value) >= 1000 ? 1 : 3);
+/** With as many decimals as one count of the axis needs. */
+const number = (value, count) => value.toFixed(count > 0 ? Math.min(Math.max(Math.ceil(-Math.log10(count)), 0), 9) : 3);
 
 /** What the drive holds in 607Dh and 607Fh. */
-async function showLimits(path, place) {
+async function showLimits(path, place, count) {
   try {
     const { unit, min_position: min, max_position: max, max_velocity: velocity } = await ask(`${path}/limits`);
-    const positions = min === null || max === null ? "none" : min < max ? `${number(min)} to ${number(max)} ${unit}` : "off";
-    place.textContent = `Limits: positions ${positions}, velocity ${velocity ? `${number(velocity)} ${unit}/s` : "none"}`;
+    const positions = min === null || max === null ? "none" : min < max ? `${number(min, count)} to ${number(max, count)} ${unit}` : "off";
+    place.textContent = `Limits: positions ${positions}, velocity ${velocity ? `${number(velocity, count)} ${unit}/s` : "none"}`;
   } catch (error) {
     place.textContent = `Limits: ${error.message}`;
   }
@@ -238,10 +240,10 @@ function showAxes(axes) {
     if (!cards.has(axis.name)) cards.set(axis.name, card(axis));
     const parts = cards.get(axis.name);
     parts.mode.textContent = `${axis.mode}, drive ${axis.drive}`;
-    parts.position.textContent = number(axis.position);
-    parts.velocity.textContent = number(axis.velocity);
+    parts.position.textContent = number(axis.position, axis.count);
+    parts.velocity.textContent = number(axis.velocity, axis.count);
     const effort = [
-      axis.following_error !== null && `following error ${number(axis.following_error)} ${axis.unit}`,
+      axis.following_error !== null && `following error ${number(axis.following_error, axis.count)} ${axis.unit}`,
       axis.torque !== null && `torque ${(100 * axis.torque).toFixed(1)} % of rated`,
     ];
     parts.effort.textContent = effort.filter(Boolean).join(", ") || "Following error and torque: map 60F4h and 6077h";
@@ -424,7 +426,7 @@ function objectRow(drive, object) {
         await ask(path, { bytes: bytesOf(typed.value, object.type, object.bits) });
         typed.value = "";
         read.click();
-        for (const [name, parts] of cards) showLimits(`/v1/axes/${encodeURIComponent(name)}`, parts.limits);
+        for (const [name, parts] of cards) showLimits(`/v1/axes/${encodeURIComponent(name)}`, parts.limits, parts.count);
       } catch (error) {
         tell(error.message);
       }
