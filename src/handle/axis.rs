@@ -522,6 +522,15 @@ impl Handles {
         read.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
     }
 
+    /// Before a motion writes its parameters. After a stop they would be those of what has come after it.
+    pub async fn check_not_stopped(&self, asked: LastStop) -> Result<(), AxisError> {
+        let shared = &self.shared;
+        match shared.stopped_since(asked, shared.snapshot().state) {
+            Some(failure) => Err(self.fail(failure).await),
+            None => Ok(()),
+        }
+    }
+
     /// The error for a failure. A fault whose code is not in the process data is asked for its code, so that the error
     /// has it.
     pub async fn fail(&self, failure: Failure) -> AxisError {

@@ -188,11 +188,11 @@ impl<U: AxisUnit> Homing<U> {
         let claim = handles.claim_now()?;
         // What is refused must not have changed the drive's parameters, least of all those of a homing under way.
         self.axis.run(Command::CheckHome).await?;
+        handles.check_not_stopped(asked).await?;
         self.write(&parameters).await?;
         let offset = match parameters.offset {
-            None if parameters.method.is_motionless() => {
-                self.axis.read_if_there(obj::HOME_OFFSET).await?
-            }
+            // By what it reads at home a homing is told from an earlier one.
+            None => self.axis.read_if_there(obj::HOME_OFFSET).await?,
             offset => offset,
         };
         let command = HomingCommand {

@@ -293,11 +293,8 @@ impl CountsRequest {
     /// came after this move.
     async fn check_still_asked(&self, asked: LastStop) -> Result<(), AxisError> {
         self.check_lease()?;
-        let shared = &self.handles.shared;
-        match shared.stopped_since(asked, shared.snapshot().state) {
-            Some(failure) => Err(self.handles.fail(failure).await.in_unit(self.unit)),
-            None => Ok(()),
-        }
+        let checked = self.handles.check_not_stopped(asked).await;
+        checked.map_err(|error| error.in_unit(self.unit))
     }
 
     /// What is refused must not have changed the drive's parameters.

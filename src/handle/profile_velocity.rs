@@ -121,6 +121,7 @@ impl<U: AxisUnit> ProfileVelocity<U> {
             // What is refused must not have changed the ramps, least of all those of a jog that is held.
             let check = Command::CheckJog(set_point.velocity);
             self.axis.run(check).await?;
+            handles.check_not_stopped(asked).await?;
         }
         by_sdo.write(&mut claim).await?;
         // From here on whatever drops it lets it go.

@@ -1451,6 +1451,13 @@ impl AxisPort {
         let shared = &self.shared;
         shared.answer();
         shared.setup.groups.signals.note_time(now);
+        // Before the commands: a jog that was let go makes room for the next.
+        self.follow_jog(core, now, outputs);
+        let not_taken = shared
+            .has_withdrawn()
+            .then(|| self.withdraw_taken(core, now, outputs));
+        // No more than these: what was set before one of them was asked for is seen from here on.
+        let queued = shared.queue_length();
         if let Some(raw) = shared.noted_mode.take() {
             core.note_mode(Mode::from_raw(raw as i8));
         }
@@ -1463,17 +1470,11 @@ impl AxisPort {
             core.set_manufacturer_bits(manufacturer);
         }
         shared.merge_outputs(outputs);
-
-        // Before the commands: a jog that was let go makes room for the next.
-        self.follow_jog(core, now, outputs);
-        let not_taken = shared
-            .has_withdrawn()
-            .then(|| self.withdraw_taken(core, now, outputs));
-        self.take_commands(core, now, outputs);
+        self.take_commands(queued, core, now, outputs);
         let stop = shared.take_stop();
         if !stop.is_empty() {
             // What was queued before the stop was asked for is stopped with the rest, not started after it.
-            self.take_commands(core, now, outputs);
+            self.take_commands(shared.queue_length(), core, now, outputs);
         }
         // A command is queued before it is withdrawn: who was not found before was in the queue.
         for withdrawn in not_taken.into_iter().flatten().flatten() {
@@ -1700,10 +1701,9 @@ impl AxisPort {
         not_found
     }
 
-    /// Submits what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.
-    fn take_commands(&self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
-        // At most what the queue holds: a program that fills it again at once waits for the next cycle.
-        for _ in 0..self.shared.queue_length() {
+    /// Submits so many of what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.
+    fn take_commands(&self, many: usize, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
+        for _ in 0..many {
             let Some((id, command, asked)) = self.shared.take_command() else {
                 break;
             };

@@ -211,6 +211,38 @@ fn a_drive_that_does_not_see_bit_4_has_not_homed_whatever_it_still_shows() {
 }
 
 #[test]
+fn a_drive_that_does_not_see_bit_4_has_not_homed_where_it_stands_at_zero() {
+    let mut variant = variant();
+    variant.referencing = Referencing::UnreferencedMovesAllowed;
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let homing = machine.finish(axis.homing()).unwrap();
+    let at_home = to_the_switch().offset(-10_000);
+    machine.finish(homing.home(at_home)).unwrap();
+    drop(homing);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine.finish(pp.move_abs(0, SetPoint::new())).unwrap();
+    machine.finish(moved.done()).unwrap();
+    drop(pp);
+    let homing = machine.finish(axis.homing()).unwrap();
+    // At home it would read what 607Ch holds.
+    machine.drive().set_remote(false);
+    let mut without_offset = to_the_switch();
+    without_offset.offset = None;
+    let error = machine.finish(homing.home(without_offset)).unwrap_err();
+    assert!(
+        matches!(
+            error.failure(),
+            Some(Failure::Timeout {
+                waiting_for: WaitingFor::HomingStart,
+                ..
+            })
+        ),
+        "{error}"
+    );
+    assert!(!axis.status().referenced);
+}
+
+#[test]
 fn a_drive_that_shows_progress_before_it_homes_has_begun_when_it_moves_and_not_before() {
     let (mut machine, axis) = Machine::enabled_of(&variant());
     machine.drive().disturbances().progress_before_homing = true;

@@ -343,3 +343,39 @@ fn a_move_that_a_stop_has_ended_before_it_writes_leaves_the_ramps_of_the_next_on
     assert_eq!(deceleration(&machine), Some(400_000));
     machine.finish(next.done()).unwrap();
 }
+
+#[test]
+fn a_jog_or_homing_that_a_stop_has_ended_before_it_writes_writes_nothing() {
+    let (mut machine, axis) = Machine::enabled_of(&Variant::by_sdo());
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let mut jog = Task::new(pv.jog(JogSetPoint::new(2_000).deceleration(10_000)));
+    ends_unwritten(&mut machine, &axis, &mut jog);
+    drop(jog);
+    drop(pv);
+    let homing = machine.finish(axis.homing()).unwrap();
+    let mut home = Task::new(homing.home(to_the_switch().offset(-10_000)));
+    ends_unwritten(&mut machine, &axis, &mut home);
+}
+
+/// It is kept once it was asked for, and the axis is stopped meanwhile.
+fn ends_unwritten<T>(
+    machine: &mut Machine,
+    axis: &Axis,
+    kept: &mut Task<'_, Result<T, AxisError>>,
+) {
+    let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
+    let before = written(machine);
+    assert!(kept.poll().is_none());
+    machine.run(2);
+    machine.finish(axis.quick_stop()).unwrap();
+    machine.finish(axis.enable()).unwrap();
+    let Err(error) = machine.finish_task(kept) else {
+        panic!("it has outlived the stop");
+    };
+    let failure = error.failure();
+    assert!(
+        matches!(failure, Some(Failure::QuickStopped { .. })),
+        "{error}"
+    );
+    assert_eq!(written(machine), before);
+}
