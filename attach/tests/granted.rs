@@ -326,7 +326,7 @@ fn a_stop_over_the_control_socket_needs_no_request_no_grant_and_no_tick() {
     for stop in [json!({"stop": {"axis": "x"}}), json!({"quick_stop": {}})] {
         smol::block_on(x.enable()).unwrap();
         let mut socket = websocket(&attached, "/v1/control");
-        let by = r#"{"by":4000,"velocity":20}"#;
+        let by = r#"{"by":60,"velocity":20}"#;
         let moved = std::thread::scope(|scope| {
             let moved = scope.spawn(|| ask(&attached, "POST /v1/axes/x/move", by));
             let started = Instant::now();

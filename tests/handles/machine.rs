@@ -40,6 +40,8 @@ pub(crate) type Drive = Arc<Mutex<ds402::Axis>>;
 pub(crate) struct Station {
     /// No outputs come to it.
     pub(crate) deaf: bool,
+    /// Bits that the next statusword lacks.
+    pub(crate) lacks: u16,
     pub(crate) core: AxisCore,
     pub(crate) port: Option<AxisPort>,
     pub(crate) source: AxisSource,
@@ -357,6 +359,7 @@ impl Station {
             words: Vec::new(),
             frames: Vec::new(),
             deaf: false,
+            lacks: 0,
             sdo,
             layout,
         }
@@ -369,7 +372,10 @@ impl Station {
         let mut drive = self.drive.lock().unwrap();
         let mut inputs = vec![0; self.layout.input_bytes()];
         for (object, place) in self.layout.objects(Direction::Inputs) {
-            let value = drive.get(object.index, object.subindex).unwrap();
+            let mut value = drive.get(object.index, object.subindex).unwrap();
+            if object.index == 0x6041 {
+                value &= !i64::from(core::mem::take(&mut self.lacks));
+            }
             let bytes = usize::from(place.bits / 8);
             inputs[place.byte..place.byte + bytes].copy_from_slice(&value.to_le_bytes()[..bytes]);
         }
