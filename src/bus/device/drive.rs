@@ -244,14 +244,11 @@ impl Drive {
         };
         let config = &mut ready.config;
         if axis.tolerances.is_none()
-            && let Some(Some(position)) = due.read_if_there(obj::POSITION_WINDOW).await?
-            // FFFFFFFFh switches the window off (CiA DSP 402 v2.0, object 6067h).
-            && position != u32::MAX
+            && let Some(window) = due.read_if_there(obj::POSITION_WINDOW).await?
         {
-            config.tolerances = Tolerances {
-                position,
-                ..config.tolerances
-            };
+            // FFFFFFFFh switches the window off (CiA DSP 402 v2.0, object 6067h).
+            let window = window.filter(|window| *window != u32::MAX);
+            config.tolerances.position = window.unwrap_or(Tolerances::default().position);
         }
         if let Some(code) = due.read_if_there(obj::QUICK_STOP_OPTION).await? {
             config.quick_stop = code.map_or(config.quick_stop, QuickStopOption);
@@ -286,10 +283,12 @@ impl Drive {
         if let Some(modes) = due.read_if_it_can_be(obj::SUPPORTED_MODES).await? {
             config.supported_modes = modes.map(SupportedModes::from_bits_retain);
         }
-        if config.traits.relative_base == RelativeBase::PositioningOption
-            && let Some(Some(code)) = due.read_if_there(obj::POSITIONING_OPTION).await?
+        // What is kept of an earlier start is what the drive said then.
+        let said = self.config.description.traits.relative_base;
+        if said == RelativeBase::PositioningOption
+            && let Some(code) = due.read_if_there(obj::POSITIONING_OPTION).await?
         {
-            config.traits.relative_base = RelativeBase::of_positioning_option(code);
+            config.traits.relative_base = code.map_or(said, RelativeBase::of_positioning_option);
         }
         if let Some(signal) = config.traits.homed {
             let object = Object::<u32, ReadOnly>::new(
@@ -530,5 +529,60 @@ impl ParameterAccess for Parameters {
                 .await
                 .map_err(|error| error.error)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{coe::test_device::rig, drives};
+
+    /// What is kept of an earlier start is overwritten by what the drive says now, also where it says that it has nothing any more.
+    #[test]
+    fn nothing_is_left_of_what_the_drive_said_at_an_earlier_start() {
+        let (rig, device, sdo, _) = rig();
+        let config = DriveConfig::new(drives::generic()).axis("z");
+        let mapping = config.mapping().unwrap();
+        let mut drive = Drive {
+            layout: mapping.layout(),
+            config,
+            mapping,
+            axes: Vec::new(),
+            loss: Loss::default(),
+            cycle: Duration::from_millis(1),
+            clocks: None,
+        };
+        let says = move |window: u32, option: u16| {
+            let mut state = device.0.borrow_mut();
+            let objects = &mut state.objects;
+            objects.insert((0x6067, 0), window.to_le_bytes().to_vec());
+            objects.insert((0x60F2, 0), option.to_le_bytes().to_vec());
+            for parameter in [0x6081, 0x6083, 0x6084] {
+                objects.insert((parameter, 0), vec![0; 4]);
+            }
+        };
+        let known = rig.run(async move {
+            let mut known = Vec::new();
+            for (window, option) in [(50_000, 0), (u32::MAX, 2), (70, 1)] {
+                says(window, option);
+                drive.open_axes(&sdo).await.unwrap();
+                let mut ready = drive.axes.remove(0);
+                let axis = drive.config.axes[0].clone();
+                let read = drive.read_axis(Reading::Rest, &sdo, &axis, &mut ready);
+                read.await.unwrap();
+                known.push((
+                    ready.config.tolerances.position,
+                    ready.config.traits.relative_base,
+                ));
+                drive.axes.push(ready);
+            }
+            known
+        });
+        let expected = [
+            (50_000, RelativeBase::PreviousTarget),
+            (Tolerances::default().position, RelativeBase::Actual),
+            (70, RelativeBase::Demand),
+        ];
+        assert_eq!(known, expected);
     }
 }

@@ -789,3 +789,47 @@ fn limits_are_not_counted_from_a_home_offset_of_before_the_recovery() {
     drop(z);
     yard.ends();
 }
+
+/// What it held at the first start is not what it has stored, or another program has written it since.
+#[test]
+fn a_distance_counts_from_what_the_drive_says_after_a_recovery() {
+    let limits = |drive: DriveConfig| {
+        drive
+            .start_up(StartUpWrite::new(obj::SOFTWARE_LIMIT_MIN, -5_000))
+            .start_up(StartUpWrite::new(obj::SOFTWARE_LIMIT_MAX, 5_000))
+    };
+    let from_actual = 2;
+    let recoveries: [fn(&mut Yard); 2] = [
+        |yard| {
+            loses_power_and_holds(yard, 0x60F2, 2);
+            assert_eq!(yard.recover(1).unwrap(), ANEW);
+        },
+        |yard| {
+            let mut segment = yard.line.segment();
+            let axis = segment.axis_mut(MIDDLE, 0).unwrap();
+            axis.set(0x60F2, 0, 2).unwrap();
+            drop(segment);
+            is_led_back(yard);
+        },
+    ];
+    for (case, recovery) in recoveries.into_iter().enumerate() {
+        let drive = limits(unhomed(drives::generic(), &["z"]));
+        let mut yard = Yard::new(personality::generic(), drive);
+        let z = yard.axis("z");
+        recovery(&mut yard);
+        let held = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x60F2, 0);
+        assert_eq!(held, Some(from_actual));
+        let beyond = yard.rig.until(async {
+            z.enable().await.unwrap();
+            let mode = z.profile_position().await.unwrap();
+            mode.move_rel(8_000, set_point()).await
+        });
+        let failure = beyond.err().and_then(|error| error.failure());
+        assert!(
+            matches!(failure, Some(Failure::BeyondLimit { limit: 5_000, .. })),
+            "{case}: {failure:?}"
+        );
+        drop(z);
+        yard.ends();
+    }
+}
