@@ -47,6 +47,8 @@ pub(in crate::bus) struct ReadyAxis {
     /// What the drive holds in those parameters that its outputs overwrite and that no set-point brings.
     pub outputs: Vec<(ObjectAddress, u32)>,
     held: HeldLimits,
+    /// Whether the drive shows that it is homed, where it shows that.
+    pub shows_homed: Option<bool>,
 }
 
 /// What the drive holds in its limit objects, each once it was read.
@@ -118,6 +120,7 @@ impl Drive {
                 config: self.declared(axis, fields),
                 outputs: Vec::new(),
                 held: HeldLimits::default(),
+                shows_homed: None,
             };
             self.read_axis(Reading::Overwritten, sdo, axis, &mut ready)
                 .await?;
@@ -296,8 +299,9 @@ impl Drive {
                 signal.object.subindex,
                 "homed signal",
             );
-            if let Some(shown) = due.read_if_it_can_be(object).await? {
-                config.homed = shown.is_some_and(|value| signal.is_homed(value));
+            if let Some(value) = due.read_if_it_can_be(object).await? {
+                ready.shows_homed = value.map(|value| signal.is_homed(value));
+                config.homed = ready.shows_homed == Some(true);
             }
         }
         let defaults = &mut config.defaults;

@@ -145,6 +145,13 @@ impl Axes {
         self.of_drive(place).for_each(|axis| axis.core.forget());
     }
 
+    /// The drive at this place shows of the axis with this number that it is not homed.
+    pub fn forget_axis(&mut self, place: usize, number: usize) {
+        if let Some(axis) = self.of_drive(place).nth(number) {
+            axis.core.forget();
+        }
+    }
+
     /// The drive at this place has kept its power.
     pub fn recall_homing(&mut self, place: usize) {
         self.of_drive(place)

@@ -237,11 +237,22 @@ impl Recovery {
             anew.read_as_it_is_now(&self.context, device).await
         };
         back.await.of(&device.found.id)?;
+        self.forget_what_is_not_homed(place, &anew);
         self.bring_into_op(place, member, &anew, Reattach::Kept)
             .await?;
         anew.done(BringUpStep::State(AlState::Op));
         *device = anew;
         Ok(())
+    }
+
+    /// A drive that has kept its power may have lost an encoder all the same: what it shows decides.
+    fn forget_what_is_not_homed(&self, place: usize, device: &Device) {
+        let axes = device.as_drive().map_or(&[][..], |drive| &drive.axes);
+        for (number, axis) in axes.iter().enumerate() {
+            if axis.shows_homed == Some(false) {
+                self.axes.borrow_mut().forget_axis(place, number);
+            }
+        }
     }
 
     /// From SAFEOP into OP, once it has been given outputs that do nothing.

@@ -8,8 +8,9 @@ use std::{
 use servocrab::{
     axis::{Delivery, Failure, Referencing},
     bus::{AlState as State, AlStatus, AxisConfig, DriveConfig, NetworkEvent, Recovered},
+    coe::ObjectAddress,
     drives::{self, DriveDescription},
-    profile_position::SetPoint,
+    profile_position::{HomedSignal, SetPoint},
 };
 use servocrab_sim::{AlState, Device, Habits, personality};
 
@@ -304,5 +305,38 @@ fn an_axis_that_its_drive_did_not_stop_is_stopped_on_the_way_back_and_does_not_m
     yard.nothing_has_happened();
     drop(mode);
     yard.works_again("z");
+    yard.ends();
+}
+
+/// It has kept its power, and lost its encoder.
+#[test]
+fn what_was_homed_is_not_known_any_more_where_the_drive_says_so() {
+    let shown = ObjectAddress::new(0x6085, 0);
+    let mut description = drives::generic();
+    description.traits.homed = Some(HomedSignal {
+        object: shown,
+        set: 1,
+        clear: 0,
+    });
+    let drive =
+        DriveConfig::new(description).axis(AxisConfig::new("z").referencing(Referencing::ByHoming));
+    let mut yard = Yard::new(personality::generic(), drive);
+    let shows = |yard: &Yard, value| {
+        let mut segment = yard.line.segment();
+        let axis = segment.axis_mut(MIDDLE, 0).unwrap();
+        axis.set(shown.index, shown.subindex, value).unwrap();
+    };
+    shows(&yard, 100_000);
+    let z = yard.is_homed_here("z", 700);
+    shows(&yard, 100_001);
+    yard.falls(0x001B);
+    yard.recover(1).unwrap();
+    yard.rig.run_for(2 * MS);
+    assert!(z.status().referenced, "the drive says so");
+    shows(&yard, 100_000);
+    yard.falls(0x001B);
+    yard.recover(1).unwrap();
+    yard.rig.run_for(2 * MS);
+    assert!(!z.status().referenced, "the drive says that it is not");
     yard.ends();
 }
