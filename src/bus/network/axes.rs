@@ -17,7 +17,7 @@ use crate::{
         log::Log,
         watch::{Control, TransitionLog},
     },
-    ds402::State,
+    ds402::{Controlword, State},
     wakes::{Wakes, stored},
 };
 
@@ -179,11 +179,14 @@ impl Axes {
         }
     }
 
-    /// Whether the drive at this place takes the outputs of its axes, and none of them is enabled.
+    /// Whether the drive at this place takes the outputs of its axes, and none of them is enabled that the program has not enabled
+    /// since: it may do so as soon as the axis is not lost any more.
     pub fn are_back(&self, place: usize) -> bool {
         let axes = self.axes.iter().filter(|axis| axis.drive == place);
-        axes.map(|axis| axis.core.snapshot())
-            .all(|axis| !axis.lost && axis.state != State::OperationEnabled)
+        axes.map(|axis| axis.core.snapshot()).all(|axis| {
+            let is_told = axis.controlword.contains(Controlword::ENABLE_OPERATION);
+            !axis.lost && (axis.state != State::OperationEnabled || is_told)
+        })
     }
 
     /// Disables all axes for good; moving ones are stopped before, by halt and quick stop.

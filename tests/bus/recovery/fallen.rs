@@ -2,19 +2,25 @@
 
 use std::{
     future::{Future, poll_fn},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     task::Poll,
 };
 
 use servocrab::{
     axis::{Delivery, Failure, Referencing},
-    bus::{AlState as State, AlStatus, AxisConfig, DriveConfig, NetworkEvent, Recovered},
+    bus::{AlState as State, AlStatus, AxisConfig, DriveConfig, Network, NetworkEvent, Recovered},
     coe::ObjectAddress,
     drives::{self, DriveDescription},
+    link::Fate,
     profile_position::{HomedSignal, SetPoint},
 };
 use servocrab_sim::{AlState, Device, Habits, personality};
 
 use super::{MIDDLE, MS, Yard, events, fall, is_over, kinds, unhomed, with_parameters_by_sdo};
+use crate::rig::is_cyclic;
 
 const FALLEN: AlStatus = AlStatus {
     state: State::SafeOp,
@@ -339,4 +345,50 @@ fn what_was_homed_is_not_known_any_more_where_the_drive_says_so() {
     yard.rig.run_for(2 * MS);
     assert!(!z.status().referenced, "the drive says that it is not");
     yard.ends();
+}
+
+/// Another task enables the axis as soon as it is there, and the recovery looks a moment later.
+#[test]
+fn an_axis_that_is_enabled_as_soon_as_it_is_back_does_not_fall_again() {
+    for offset in 0..12 {
+        let slow = Arc::new(AtomicBool::new(false));
+        let is_slow = Arc::clone(&slow);
+        let mut yard = Yard::with(
+            personality::generic(),
+            unhomed(drives::generic(), &["z"]),
+            move |line| {
+                let wire = line.wire_with(move |_, frame| {
+                    if is_slow.load(Ordering::Relaxed) && !is_cyclic(frame) {
+                        Fate::Delay(9 * MS)
+                    } else {
+                        Fate::Deliver
+                    }
+                });
+                Network::builder().link(wire)
+            },
+        );
+        let z = yard.axis("z");
+        yard.falls(0x001B);
+        yard.rig.run_for(offset * 2 * MS);
+        slow.store(true, Ordering::Relaxed);
+        let net = yard.rig.net.take().unwrap();
+        let recovery = async { net.recover(1).await };
+        let enabling = async {
+            while z.status().lost {
+                z.changed().await.unwrap();
+            }
+            z.enable().await
+        };
+        let (recovered, enabled) = yard.rig.until(smol::future::zip(recovery, enabling));
+        slow.store(false, Ordering::Relaxed);
+        yard.rig.net = Some(net);
+        yard.rig.run_for(100 * MS);
+        let state = yard.state(MIDDLE);
+        assert!(
+            recovered.is_ok() && enabled.is_ok() && state == AlState::Op,
+            "{offset}: {recovered:?}, {enabled:?}, {state:?}"
+        );
+        drop(z);
+        yard.ends();
+    }
 }
