@@ -368,8 +368,14 @@ impl Recovery {
         match member.phase.get() {
             ReturnPhase::None => {}
             ReturnPhase::FromSafeOp => {
-                let in_op = |status: AlStatus| status.state == AlState::Op;
-                if registers::status(registers, station).await.is_ok_and(in_op) {
+                // Also while it may still be on its way into OP, for which it was asked: some take their time.
+                let may_be_in_op = |status: AlStatus| match status.state {
+                    AlState::Op => true,
+                    AlState::SafeOp => status.error.is_none(),
+                    _ => false,
+                };
+                let seen = registers::status(registers, station).await;
+                if seen.is_ok_and(may_be_in_op) {
                     let _ = registers::request(registers, station, AlState::SafeOp, SAFE_OP_LIMIT)
                         .await;
                 }
