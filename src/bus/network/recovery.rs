@@ -34,7 +34,7 @@ use crate::{
         event::Recovered,
         line::{self, Found},
         log::LogRecord,
-        requests::{Context, registers},
+        requests::{Context, eeprom, registers},
         watch::{Control, data_of, note_state},
     },
     coe::DriveId,
@@ -122,7 +122,9 @@ impl Recovery {
                 self.axes.borrow_mut().recall_homing(place);
                 Ok(Recovered::WasInOp)
             }
-            AlState::Op | AlState::SafeOp if !half_way => {
+            AlState::Op | AlState::SafeOp
+                if !half_way && self.is_the_same(place, device).await? =>
+            {
                 self.return_to_op(place, member, device, steps).await?;
                 Ok(Recovered::FromSafeOp { from })
             }
@@ -207,6 +209,19 @@ impl Recovery {
             .await?;
         device.done(BringUpStep::State(AlState::Op));
         Ok(())
+    }
+
+    /// Whether the device that has this station address is the one of the start. One that was plugged in with its power on may have it
+    /// from another line, and process data as well.
+    async fn is_the_same(&self, place: usize, device: &Device) -> Result<bool, NetworkError> {
+        self.reattach(place, |_| Reattach::Unknown);
+        let (registers, Found { station, id, .. }) = (&self.context.registers, &device.found);
+        let identity = eeprom::identity(registers, *station).await;
+        // Whatever came of it: the device may need it.
+        let given = eeprom::give_away(registers, *station).await;
+        let identity = identity.at(BringUpStep::Sii).of(id)?;
+        given.at(BringUpStep::Sii).of(id)?;
+        Ok(identity == id.identity)
     }
 
     /// From SAFEOP, with the error that has led there.

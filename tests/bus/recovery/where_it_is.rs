@@ -9,13 +9,14 @@ use std::{
 };
 
 use servocrab::{
-    bus::{LineVerdict, Network, NetworkError, NetworkEvent, Recovered},
+    axis::Referencing,
+    bus::{AxisConfig, DriveConfig, LineVerdict, Network, NetworkError, NetworkEvent, Recovered},
     drives,
     link::Wire,
 };
 use servocrab_sim::{AlState, Device, Segment, personality, personality::Servo};
 
-use super::{MS, unhomed};
+use super::{MIDDLE, MS, Yard, unhomed};
 use crate::rig::{Line, Rig, datagrams};
 
 /// The command that writes by position, and the register 0010h.
@@ -226,4 +227,34 @@ fn a_line_that_changes_meanwhile_costs_no_running_drive_its_address() {
         let fallen = |event: &NetworkEvent| matches!(event, NetworkEvent::LeftOp { drive, .. } if drive.position == 4);
         assert!(told.iter().any(fallen), "{told:?}");
     }
+}
+
+/// It comes from another machine with its power on, and has kept the address and the process data that it had there.
+#[test]
+fn another_device_with_the_same_address_is_not_led_back_in_its_place() {
+    let homed = |number| {
+        let drive = DriveConfig::new(drives::akd2g())
+            .axis(AxisConfig::new("z").referencing(Referencing::ByHoming));
+        let mut yard = Yard::new(serial(number), drive);
+        let z = yard.is_homed_here("z", 700);
+        yard.falls(0x001B);
+        (yard, z)
+    };
+    let (mut here, z) = homed(1);
+    let (there, _) = homed(2);
+    {
+        let (mut here, mut there) = (here.line.segment(), there.line.segment());
+        std::mem::swap(
+            here.device_mut(MIDDLE).unwrap(),
+            there.device_mut(MIDDLE).unwrap(),
+        );
+    }
+    here.rig.run_for(20 * MS);
+    let recovered = here.recover(1);
+    assert!(!z.status().referenced, "{recovered:?}");
+    let verdict = verdict(recovered.unwrap_err());
+    assert_eq!(verdict, LineVerdict::Different);
+    assert_eq!(here.state(MIDDLE), AlState::Init);
+    drop((z, there));
+    here.ends();
 }
