@@ -99,7 +99,12 @@ impl Recovery {
         steps: Sender<StepDone>,
     ) -> Result<Recovered, NetworkError> {
         let station = device.found.station;
-        let from = match registers::status(&self.context.registers, station).await {
+        let mut seen = registers::status(&self.context.registers, station).await;
+        if seen == Err(RegisterError::NotAnswered) {
+            // What follows ends what a device does that runs: one frame is no proof.
+            seen = registers::status(&self.context.registers, station).await;
+        }
+        let from = match seen {
             Ok(status) => status,
             Err(RegisterError::NotAnswered) => {
                 let position = self.find(place, member, device).await?;
@@ -383,6 +388,8 @@ impl Recovery {
         match member.phase.get() {
             ReturnPhase::None => {}
             ReturnPhase::FromSafeOp => {
+                // Nobody enables an axis of it that is about to leave OP.
+                self.reattach(place, |_| Reattach::Unknown);
                 // Also while it may still be on its way into OP, for which it was asked: some take their time.
                 let may_be_in_op = |status: AlStatus| match status.state {
                     AlState::Op => true,

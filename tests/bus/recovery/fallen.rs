@@ -15,12 +15,12 @@ use servocrab::{
     coe::ObjectAddress,
     drives::{self, DriveDescription},
     link::Fate,
-    profile_position::{HomedSignal, SetPoint},
+    profile_position::{HomedSignal, Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Device, Habits, personality};
 
 use super::{MIDDLE, MS, Yard, events, fall, is_over, kinds, unhomed, with_parameters_by_sdo};
-use crate::rig::is_cyclic;
+use crate::rig::{datagrams, is_cyclic};
 
 const FALLEN: AlStatus = AlStatus {
     state: State::SafeOp,
@@ -391,4 +391,90 @@ fn an_axis_that_is_enabled_as_soon_as_it_is_back_does_not_fall_again() {
         drop(z);
         yard.ends();
     }
+}
+
+#[test]
+fn a_drive_that_runs_goes_on_where_one_frame_of_its_recovery_reaches_nobody() {
+    let astray = Arc::new(AtomicBool::new(false));
+    let goes_astray = Arc::clone(&astray);
+    let mut yard = Yard::with(
+        personality::generic(),
+        unhomed(drives::generic(), &["z"]),
+        move |line| {
+            let wire = line.spoiled_wire(move |frame| {
+                for datagram in datagrams(frame) {
+                    // Its AL status, by the address of nobody.
+                    if datagram[0] == 4
+                        && datagram[2..6] == [0x01, 0x10, 0x30, 0x01]
+                        && goes_astray.swap(false, Ordering::Relaxed)
+                    {
+                        datagram[3] = 0x77;
+                    }
+                }
+            });
+            Network::builder().link(wire)
+        },
+    );
+    let z = yard.axis("z");
+    let (mode, moved) = yard.rig.until(async {
+        z.enable().await.unwrap();
+        let mode = z.profile_position().await.unwrap();
+        let moved = mode.move_rel(200_000, SetPoint::new()).await.unwrap();
+        (mode, moved)
+    });
+    yard.rig.run_for(50 * MS);
+    astray.store(true, Ordering::Relaxed);
+    let recovered = yard.recover(1);
+    assert!(!astray.load(Ordering::Relaxed));
+    assert_eq!(recovered.unwrap(), Recovered::WasInOp);
+    let outcome = yard.rig.until(moved.done()).unwrap();
+    assert!(matches!(outcome, Outcome::Reached { .. }), "{outcome}");
+    drop((mode, z));
+    yard.ends();
+}
+
+/// It is about to be asked to leave OP again.
+#[test]
+fn no_axis_is_enabled_whose_recovery_was_dropped_when_it_was_back() {
+    let slow = Arc::new(AtomicBool::new(false));
+    let is_slow = Arc::clone(&slow);
+    let mut yard = Yard::with(
+        personality::generic(),
+        unhomed(drives::generic(), &["z"]),
+        move |line| {
+            let wire = line.wire_with(move |_, frame| {
+                if is_slow.load(Ordering::Relaxed) && !is_cyclic(frame) {
+                    Fate::Delay(9 * MS)
+                } else {
+                    Fate::Deliver
+                }
+            });
+            Network::builder().link(wire)
+        },
+    );
+    let z = yard.axis("z");
+    yard.falls(0x001B);
+    slow.store(true, Ordering::Relaxed);
+    let net = yard.rig.net.take().unwrap();
+    let dropped = yard.rig.until(async {
+        let recovery = async { Some(net.recover(1).await) };
+        let back = async {
+            while z.status().lost {
+                z.changed().await.unwrap();
+            }
+            None
+        };
+        smol::future::or(back, recovery).await
+    });
+    assert!(dropped.is_none(), "{dropped:?}");
+    let enabled = yard.rig.until(z.enable());
+    slow.store(false, Ordering::Relaxed);
+    yard.rig.net = Some(net);
+    yard.rig.run_for(200 * MS);
+    assert_eq!(yard.state(MIDDLE), AlState::SafeOp);
+    assert!(enabled.is_err(), "{enabled:?}");
+    yard.recover(1).unwrap();
+    yard.works_again("z");
+    drop(z);
+    yard.ends();
 }
