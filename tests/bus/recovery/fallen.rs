@@ -14,7 +14,7 @@ use servocrab::{
     bus::{AlState as State, AlStatus, AxisConfig, DriveConfig, Network, NetworkEvent, Recovered},
     coe::ObjectAddress,
     drives::{self, DriveDescription},
-    link::Fate,
+    link::{Fate, Wire},
     profile_position::{HomedSignal, Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Device, Habits, personality};
@@ -401,16 +401,19 @@ fn a_drive_that_runs_goes_on_where_one_frame_of_its_recovery_reaches_nobody() {
         personality::generic(),
         unhomed(drives::generic(), &["z"]),
         move |line| {
-            let wire = line.spoiled_wire(move |frame| {
+            let segment = Arc::clone(&line.0);
+            let wire = Wire::in_virtual_time(MS / 100, move |frame: &mut [u8], now| {
+                let comes_back = segment.lock().unwrap().process(frame, now);
                 for datagram in datagrams(frame) {
-                    // Its AL status, by the address of nobody.
+                    // Its AL status, with a working counter of 0.
                     if datagram[0] == 4
                         && datagram[2..6] == [0x01, 0x10, 0x30, 0x01]
                         && goes_astray.swap(false, Ordering::Relaxed)
                     {
-                        datagram[3] = 0x77;
+                        datagram[10..].fill(0);
                     }
                 }
+                comes_back
             });
             Network::builder().link(wire)
         },
