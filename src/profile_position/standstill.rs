@@ -639,7 +639,7 @@ mod tests {
             number ^= number << 17;
             number % below
         };
-        let (mut short, mut cycles) = (0, 0);
+        let (mut short, mut cycles) = ([0, 0], [0, 0]);
         for scenario in 0..3_000 {
             let window = random(20) as u32;
             let threshold = (random(4) as u32).checked_sub(1);
@@ -655,8 +655,9 @@ mod tests {
                 position = position.wrapping_add(random(2 * step + 1) as i32 - step as i32);
                 let velocity = measured.then(|| random(5) as i32 - 2);
                 let mut whole = Standstill { rest: None, ..axis };
-                short += u32::from(axis.rest.is_some_and(|rest| rest.contain(position)));
-                cycles += 1;
+                let is_short = axis.rest.is_some_and(|rest| rest.contain(position));
+                short[usize::from(measured)] += u32::from(is_short);
+                cycles[usize::from(measured)] += 1;
                 axis.update(now, position, velocity, &bounds);
                 whole.update(now, position, velocity, &bounds);
                 assert_eq!(axis.is_standing(), whole.is_standing());
@@ -677,7 +678,9 @@ mod tests {
                 assert_eq!(state(&axis), state(&whole), "scenario {scenario}");
             }
         }
-        assert!(short > cycles / 10, "{short} of {cycles}");
+        for (short, cycles) in short.into_iter().zip(cycles) {
+            assert!(short > cycles / 10, "{short} of {cycles}");
+        }
     }
 
     /// When an axis of one sample in a millisecond, a window of 100 counts and a settle time of 100 ms stands.
