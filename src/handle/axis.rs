@@ -620,13 +620,9 @@ impl<U: AxisUnit> Axis<U> {
     /// Selects a mode; ready when the drive shows it. Whoever asks for it is about to move the axis: a stop that comes meanwhile ends
     /// it.
     pub(super) async fn select(&self, mode: Mode) -> Result<(), AxisError> {
-        let shared = &self.handles.shared;
-        let asked = shared.last_stop();
+        let asked = self.handles.shared.last_stop();
         self.change_mode(mode).await?;
-        match shared.stopped_since(asked, shared.snapshot().state) {
-            Some(failure) => Err(shared.error(AxisErrorKind::Failed(failure))),
-            None => Ok(()),
-        }
+        self.handles.check_not_stopped(asked).await
     }
 
     async fn change_mode(&self, mode: Mode) -> Result<(), AxisError> {

@@ -146,3 +146,17 @@ fn a_path_is_over_with_what_has_stopped_the_axis_between_two_of_its_moves() {
         assert!(is_of(cause, error.failure()), "{cause:?}: {error:?}");
     }
 }
+
+#[test]
+fn a_lease_that_was_being_selected_ends_with_the_fault_and_its_code() {
+    let (mut machine, axis) = Machine::enabled();
+    let mut leased = Task::new(axis.profile_position());
+    assert!(leased.poll().is_none());
+    // The mode is selected, and its task hears of it later.
+    machine.run(10);
+    machine.drive().inject_fault(0x7305);
+    machine.run(10);
+    let error = machine.finish_task(&mut leased).unwrap_err();
+    let code = Some(0x7305);
+    assert_eq!(error.failure(), Some(Failure::Fault { code }), "{error}");
+}
