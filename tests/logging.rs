@@ -223,7 +223,7 @@ fn a_subscriber_that_blocks_keeps_no_cycle_and_no_handle_waiting_and_what_is_mis
         );
         axis.reset_fault().await.unwrap();
         axis.enable().await.unwrap();
-        let near = mode.move_rel(1_000, set_point()).await.unwrap();
+        let near = mode.move_abs(1_000, set_point()).await.unwrap();
         let outcome = near.done().await.unwrap();
         assert!(matches!(outcome, Outcome::Reached { .. }), "{outcome:?}");
     });
