@@ -522,7 +522,8 @@ impl Handles {
         read.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
     }
 
-    /// Before a motion writes its parameters. After a stop they would be those of what has come after it.
+    /// What was asked for when this was the last stop has ended with any stop since. It is not to write parameters any more: they would be
+    /// those of what has come after it.
     pub async fn check_not_stopped(&self, asked: LastStop) -> Result<(), AxisError> {
         let shared = &self.shared;
         match shared.stopped_since(asked, shared.snapshot().state) {

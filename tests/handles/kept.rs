@@ -2,7 +2,7 @@
 
 use core::sync::atomic::Ordering;
 
-use crate::machine::{Machine, Task, Variant};
+use crate::machine::{Machine, Task, Variant, kept, slow};
 use servocrab::{
     axis::{Axis, AxisError, AxisErrorKind, Failure, start_together},
     homing::{HomingMethod, HomingParameters},
@@ -14,23 +14,6 @@ fn to_the_switch() -> HomingParameters {
     HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
         .speeds(20_000, 2_000)
         .acceleration(200_000)
-}
-
-fn slow() -> (Machine, Axis) {
-    let (machine, axis) = Machine::enabled_of(&Variant::by_sdo());
-    let sdo = &machine.stations[0].sdo;
-    sdo.slow_writes.store(true, Ordering::Relaxed);
-    (machine, axis)
-}
-
-/// Until it writes its parameters and is kept there.
-fn kept<T>(machine: &mut Machine, task: &mut Task<'_, T>) {
-    let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
-    let before = written(machine);
-    while written(machine) == before {
-        assert!(task.poll().is_none());
-        machine.cycle();
-    }
 }
 
 fn is_busy<T: core::fmt::Debug>(result: Result<T, AxisError>) {

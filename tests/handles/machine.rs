@@ -398,6 +398,24 @@ impl Station {
     }
 }
 
+/// Enabled, with the parameters of its motions by SDO, each write of which takes a while.
+pub(crate) fn slow() -> (Machine, Axis) {
+    let (machine, axis) = Machine::enabled_of(&Variant::by_sdo());
+    let sdo = &machine.stations[0].sdo;
+    sdo.slow_writes.store(true, Ordering::Relaxed);
+    (machine, axis)
+}
+
+/// Until it writes its parameters, and is polled no more there.
+pub(crate) fn kept<T>(machine: &mut Machine, task: &mut Task<'_, T>) {
+    let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
+    let before = written(machine);
+    while written(machine) == before {
+        assert!(task.poll().is_none());
+        machine.cycle();
+    }
+}
+
 /// An object's value from its bytes.
 fn number(index: u16, bytes: &[u8]) -> i64 {
     let mut raw = [0; 8];

@@ -1,8 +1,6 @@
 //! Motions that were asked for and have not reached the axis yet, when the drive stops it by itself: none follows after the axis was
 //! enabled again.
 
-use core::sync::atomic::Ordering;
-
 use servocrab::{
     axis::{Axis, Failure},
     ds402::State,
@@ -11,7 +9,7 @@ use servocrab::{
     profile_velocity::JogSetPoint,
 };
 
-use crate::machine::{Machine, Task, Variant};
+use crate::machine::{Machine, Task, kept, slow};
 
 /// What takes the axis out of Operation enabled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,23 +47,6 @@ fn is_of(cause: Cause, failure: Option<Failure>) -> bool {
             cause == Cause::Silence && delivery == Delivery::NotSent
         }
         _ => false,
-    }
-}
-
-fn slow() -> (Machine, Axis) {
-    let (machine, axis) = Machine::enabled_of(&Variant::by_sdo());
-    let sdo = &machine.stations[0].sdo;
-    sdo.slow_writes.store(true, Ordering::Relaxed);
-    (machine, axis)
-}
-
-/// It is polled until it writes its parameters, and then not any more for a while.
-fn kept<T>(machine: &mut Machine, task: &mut Task<'_, T>) {
-    let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
-    let before = written(machine);
-    while written(machine) == before {
-        assert!(task.poll().is_none());
-        machine.cycle();
     }
 }
 

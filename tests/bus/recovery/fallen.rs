@@ -7,6 +7,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
     task::Poll,
+    time::Duration,
 };
 
 use servocrab::{
@@ -347,27 +348,30 @@ fn what_was_homed_is_not_known_any_more_where_the_drive_says_so() {
     yard.ends();
 }
 
+/// A yard in which frames without process data take so long, as long as that is set.
+fn with_slow_requests(delay: Duration) -> (Arc<AtomicBool>, Yard) {
+    let slow = Arc::new(AtomicBool::new(false));
+    let is_slow = Arc::clone(&slow);
+    let drive = unhomed(drives::generic(), &["z"]);
+    let yard = Yard::with(personality::generic(), drive, move |line| {
+        let wire = line.wire_with(move |_, frame| {
+            if is_slow.load(Ordering::Relaxed) && !is_cyclic(frame) {
+                Fate::Delay(delay)
+            } else {
+                Fate::Deliver
+            }
+        });
+        Network::builder().link(wire)
+    });
+    (slow, yard)
+}
+
 /// Another task enables the axis as soon as it is there, and the recovery looks a moment later.
 #[test]
 fn an_axis_that_is_enabled_as_soon_as_it_is_back_does_not_fall_again() {
     let cases = [8, 11].map(|delay| (0..6).map(move |offset| (delay, offset)));
     for (delay, offset) in cases.into_iter().flatten() {
-        let slow = Arc::new(AtomicBool::new(false));
-        let is_slow = Arc::clone(&slow);
-        let mut yard = Yard::with(
-            personality::generic(),
-            unhomed(drives::generic(), &["z"]),
-            move |line| {
-                let wire = line.wire_with(move |_, frame| {
-                    if is_slow.load(Ordering::Relaxed) && !is_cyclic(frame) {
-                        Fate::Delay(delay * MS)
-                    } else {
-                        Fate::Deliver
-                    }
-                });
-                Network::builder().link(wire)
-            },
-        );
+        let (slow, mut yard) = with_slow_requests(delay * MS);
         let z = yard.axis("z");
         yard.falls(0x001B);
         yard.rig.run_for(offset * 2 * MS);
@@ -440,22 +444,7 @@ fn a_drive_that_runs_goes_on_where_one_frame_of_its_recovery_reaches_nobody() {
 /// It is about to be asked to leave OP again.
 #[test]
 fn no_axis_is_enabled_whose_recovery_was_dropped_when_it_was_back() {
-    let slow = Arc::new(AtomicBool::new(false));
-    let is_slow = Arc::clone(&slow);
-    let mut yard = Yard::with(
-        personality::generic(),
-        unhomed(drives::generic(), &["z"]),
-        move |line| {
-            let wire = line.wire_with(move |_, frame| {
-                if is_slow.load(Ordering::Relaxed) && !is_cyclic(frame) {
-                    Fate::Delay(9 * MS)
-                } else {
-                    Fate::Deliver
-                }
-            });
-            Network::builder().link(wire)
-        },
-    );
+    let (slow, mut yard) = with_slow_requests(9 * MS);
     let z = yard.axis("z");
     yard.falls(0x001B);
     slow.store(true, Ordering::Relaxed);
