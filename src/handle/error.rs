@@ -292,6 +292,9 @@ pub enum AxisErrorKind {
     /// The mode is leased already, or the move or the jog is of an earlier lease. Release the other lease first, and move with your own.
     #[error("a mode of this axis is in use: release it first")]
     ModeInUse,
+    /// The handle that this move was made with has been released or dropped since. Lease the mode again, and make the move anew.
+    #[error("the mode that this move belongs to was given back: lease it again")]
+    NotLeased,
     /// More commands at once than there are places for.
     #[error("too many commands are waiting")]
     QueueFull,

@@ -138,7 +138,8 @@ impl<U: AxisUnit> ProfilePosition<U> {
     }
 }
 
-/// A move that is not sent yet.
+/// A move that is not sent yet. It belongs to the [`ProfilePosition`] that it was made with. Once that is released or dropped it is
+/// refused as [`AxisErrorKind::NotLeased`], and as [`AxisErrorKind::ModeInUse`] while the axis is leased again.
 #[must_use = "it is sent by `start_together` or `follow`"]
 #[derive(Debug, Clone)]
 pub struct MoveRequest<U: AxisUnit = Counts> {
@@ -212,13 +213,15 @@ impl CountsRequest {
         Pending::submit_motion(handles, self.unit, Command::Move(command), asked)
     }
 
-    /// Another lease may have been given since: the axis is that one's.
+    /// A move is of one lease. Once that is given back the axis may be another's, or in another mode.
     fn check_lease(&self) -> Result<(), AxisError> {
         let shared = &self.handles.shared;
-        if self.lease == shared.leases.load(Ordering::Acquire) {
+        if self.lease != shared.leases.load(Ordering::Acquire) {
+            Err(shared.error(AxisErrorKind::ModeInUse))
+        } else if shared.leased.load(Ordering::Acquire) {
             Ok(())
         } else {
-            Err(shared.error(AxisErrorKind::ModeInUse))
+            Err(shared.error(AxisErrorKind::NotLeased))
         }
     }
 

@@ -197,6 +197,29 @@ fn no_move_starts_after_a_mode_that_was_written_by_sdo_was_given_up() {
     machine.finish(moved.done()).unwrap();
 }
 
+/// Nobody has the axis: it moves for nobody.
+#[test]
+fn a_request_of_a_lease_that_was_given_back_moves_no_axis() {
+    for released in [false, true] {
+        let (mut machine, axis) = Machine::enabled();
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        let kept = pp.abs(50_000, SetPoint::new());
+        if released {
+            machine.finish(pp.release()).unwrap();
+        } else {
+            drop(pp);
+        }
+        let refused = machine.finish(start_together([kept])).unwrap_err();
+        assert!(
+            matches!(refused.kind, AxisErrorKind::NotLeased),
+            "{refused:?}"
+        );
+        machine.run(1_000);
+
+        assert!(machine.drive().ledger().is_empty());
+    }
+}
+
 /// A move that was made before its lease was given back belongs to nobody any more.
 #[test]
 fn a_request_of_a_lease_that_was_given_back_does_not_move_the_axis_of_the_next_one() {
