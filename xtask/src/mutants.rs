@@ -186,14 +186,11 @@ impl Work<'_> {
             .flat_map(|mutant| self.mutants[*mutant].tests.keys())
             .collect();
         let (executables, without) = self.build(&targets)?;
-        let (single, chosen_at_run_time): (Vec<usize>, Vec<usize>) = chosen
-            .iter()
-            .filter(|mutant| !without.contains(&self.mutants[**mutant].number()))
-            .partition(|mutant| self.mutants[**mutant].single);
-
         let suites = targets.iter().map(|target| Job::Suite(target));
-        let of = chosen_at_run_time.iter();
-        let mutants = of.flat_map(|number| {
+        let built = chosen
+            .iter()
+            .filter(|mutant| !without.contains(&self.mutants[**mutant].number()));
+        let mutants = built.flat_map(|number| {
             let targets = self.mutants[*number].tests.keys();
             targets.map(|target| Job::Mutant(*number, target))
         });
@@ -205,12 +202,6 @@ impl Work<'_> {
                 Job::Mutant(mutant, target) => self.judge(mutant, target, &executables[target]),
             },
         );
-        for mutant in single {
-            self.tree.put(self.sources, mutant)?;
-            let judged = self.single(mutant);
-            self.tree.take_out(self.sources, mutant)?;
-            judged?;
-        }
         self.print_slowest();
         Ok(self.faults.into_inner().unwrap_or_default())
     }
@@ -244,7 +235,7 @@ impl Work<'_> {
         loop {
             let begun = Instant::now();
             self.tree.write(self.sources, &without)?;
-            match self.build_packages(targets)? {
+            match build::build(&self.tree, targets)? {
                 Built::Executables(executables) => {
                     println!(
                         "mutants: {} targets built in {:.0} s",
@@ -275,26 +266,6 @@ impl Work<'_> {
                 }
             }
         }
-    }
-
-    fn build_packages(&self, targets: &BTreeSet<&Target>) -> crate::Result<Built> {
-        let mut all = BTreeMap::new();
-        for package in targets
-            .iter()
-            .map(|target| &target.package)
-            .collect::<BTreeSet<_>>()
-        {
-            let of: BTreeSet<_> = targets
-                .iter()
-                .copied()
-                .filter(|target| target.package == *package)
-                .collect();
-            match build::build(&self.tree, package, &of)? {
-                Built::Executables(executables) => all.extend(executables),
-                errors @ Built::Errors { .. } => return Ok(errors),
-            }
-        }
-        Ok(Built::Executables(all))
     }
 
     /// Does what there is to do, so many of each queue at a time.
@@ -350,17 +321,14 @@ impl Work<'_> {
     }
 
     fn judge(&self, mutant: usize, target: &Target, path: &Path) -> crate::Result<()> {
-        let Mutant {
-            id, tests, single, ..
-        } = &self.mutants[mutant];
+        let Mutant { id, tests, .. } = &self.mutants[mutant];
         let begun = Instant::now();
         let executable = Executable {
             tree: &self.tree,
             target,
             path,
         };
-        let number = (!single).then(|| self.mutants[mutant].number());
-        let judged = executable.judge(id, number, &tests[target])?;
+        let judged = executable.judge(&self.mutants[mutant], &tests[target])?;
         let took = begun.elapsed().as_secs_f64();
         self.took(begun, format!("{id} by {target}"));
         match judged {
@@ -374,30 +342,6 @@ impl Work<'_> {
             }
         }
         Ok(())
-    }
-
-    /// Judges a mutant that was put into the tree for good.
-    fn single(&self, mutant: usize) -> crate::Result<()> {
-        let begun = Instant::now();
-        let of = &self.mutants[mutant];
-        let built = self.build_packages(&of.tests.keys().collect())?;
-        self.took(begun, format!("{} built by itself", of.id));
-        match built {
-            Built::Executables(executables) => {
-                println!(
-                    "{:60} {:5.1} s  built",
-                    of.id,
-                    begun.elapsed().as_secs_f64()
-                );
-                let mut all = executables.iter();
-                all.try_for_each(|(target, path)| self.judge(mutant, target, path))
-            }
-            Built::Errors { text, .. } => {
-                println!("{text}");
-                self.fault(&of.id, "does not compile");
-                Ok(())
-            }
-        }
     }
 
     fn fault(&self, of: &dyn std::fmt::Display, what: impl Into<String>) {

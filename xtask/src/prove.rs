@@ -25,8 +25,6 @@ struct Part {
     target: &'static str,
     /// Tests with this in their names.
     tests: &'static str,
-    /// With the standard library, or the core alone.
-    std: bool,
     environment: Vec<(&'static str, String)>,
 }
 
@@ -59,14 +57,12 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
     let mut parts = vec![Part {
         target: "oracle",
         tests: "",
-        std: false,
         environment: oracle,
     }];
     // The sizes whose numbers of states are counted.
     parts.push(Part {
         target: "model",
         tests: "every_state_is_sound",
-        std: false,
         environment: vec![("MODEL_EVERY_WORLD", "1".to_owned())],
     });
     // Commands and deviations under way at most, of so many kinds, and the seconds that all worlds of this size may take.
@@ -91,20 +87,17 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         parts.push(Part {
             target: "model",
             tests: "every_state_of_the_size",
-            std: false,
             environment,
         });
     }
     parts.push(Part {
         target: "end_of_life",
         tests: "",
-        std: true,
         environment: Vec::new(),
     });
     parts.push(Part {
         target: "emergencies",
         tests: "moving::",
-        std: true,
         environment: vec![("EMERGENCY_EVERY", "1".to_owned())],
     });
     let mut failed = Vec::new();
@@ -123,13 +116,10 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
 
 fn test(part: &Part) -> crate::Result<bool> {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    cargo
-        .current_dir(crate::root())
-        .args(["test", "--quiet", "--release"]);
-    if !part.std {
-        cargo.arg("--no-default-features");
-    }
-    cargo.args([
+    cargo.current_dir(crate::root()).args([
+        "test",
+        "--quiet",
+        "--release",
         "--test",
         part.target,
         part.tests,

@@ -561,7 +561,7 @@ const ROWS: &[Row] = &[
         ),
         library: by!(
             status::library_shows_fault_warning_power_and_progress,
-            "library-warning-elsewhere"
+            "library-without-warning"
         ),
     },
     Row {

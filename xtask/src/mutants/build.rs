@@ -13,6 +13,9 @@ use super::tree::Tree;
 /// drives, through which nearly all that time goes, keep the optimisation of the tests' profile.
 const FAST: &str = "--config=profile.dev.package.servocrab.opt-level=0";
 
+/// Of a panic the place is looked at, which is known without the lines of the code.
+const WITHOUT_LINES: &str = "--config=profile.dev.debug=false";
+
 /// What came of it.
 pub(crate) enum Built {
     /// The executable of each target.
@@ -78,16 +81,13 @@ struct Span {
     is_primary: bool,
 }
 
-/// Builds the targets of one package.
-pub(crate) fn build(
-    tree: &Tree,
-    package: &str,
-    targets: &BTreeSet<&Target>,
-) -> crate::Result<Built> {
+/// Builds these targets, all with the features that `cargo test --workspace` builds them with: what it has built is taken.
+pub(crate) fn build(tree: &Tree, targets: &BTreeSet<&Target>) -> crate::Result<Built> {
     let mut command = cargo(tree);
+    let arguments: BTreeSet<_> = targets.iter().map(|target| target.arguments()).collect();
     command
-        .args(["--package", package, FAST])
-        .args(targets.iter().flat_map(|target| target.arguments()));
+        .args(["--workspace", FAST, WITHOUT_LINES])
+        .args(arguments.iter().flatten());
     let built = run(tree, &mut command)?;
     if !built.success {
         return Ok(Built::Errors {
@@ -95,18 +95,9 @@ pub(crate) fn build(
             mutants: built.mutants,
         });
     }
-    let of = |source: &Source| {
-        targets.iter().find(|target| match target.kind {
-            "lib" => source.kind.iter().any(|kind| kind == "lib"),
-            kind => source.kind.iter().any(|of| of == kind) && source.name == target.name,
-        })
-    };
-    let executables = built.executables.into_iter();
-    Ok(Built::Executables(
-        executables
-            .filter_map(|(_, source, path)| Some(((*of(&source)?).clone(), path)))
-            .collect(),
-    ))
+    let mut executables = built.executables;
+    executables.retain(|target, _| targets.contains(target));
+    Ok(Built::Executables(executables))
 }
 
 /// Builds all tests of the workspace but the project's own commands, or only the named ones of the library.
@@ -131,19 +122,7 @@ pub(crate) fn everything(tree: &Tree, only: &[String]) -> crate::Result<Everythi
             not_constant: built.not_constant,
         });
     }
-    let executables = built.executables.into_iter();
-    let all = executables.map(|(package, source, path)| {
-        let kind = ["lib", "test", "example", "bin"]
-            .into_iter()
-            .find(|kind| source.kind.iter().any(|of| of == kind));
-        let target = Target {
-            package,
-            kind: kind.unwrap_or("test"),
-            name: source.name,
-        };
-        (target, path)
-    });
-    Ok(Everything::Executables(all.collect()))
+    Ok(Everything::Executables(built.executables))
 }
 
 fn cargo(tree: &Tree) -> Command {
@@ -160,8 +139,7 @@ fn cargo(tree: &Tree) -> Command {
 /// What a run of cargo said.
 struct Said {
     success: bool,
-    /// The package and the target of each executable of tests.
-    executables: Vec<(String, Source, PathBuf)>,
+    executables: BTreeMap<Target, PathBuf>,
     text: String,
     mutants: BTreeSet<u32>,
     not_constant: BTreeSet<String>,
@@ -171,7 +149,7 @@ fn run(tree: &Tree, command: &mut Command) -> crate::Result<Said> {
     let output = command.output()?;
     let mut said = Said {
         success: output.status.success(),
-        executables: Vec::new(),
+        executables: BTreeMap::new(),
         text: String::new(),
         mutants: BTreeSet::new(),
         not_constant: BTreeSet::new(),
@@ -194,8 +172,21 @@ fn run(tree: &Tree, command: &mut Command) -> crate::Result<Said> {
             && let (Some(executable), Some(source), Some(manifest)) =
                 (message.executable, message.target, message.manifest_path)
         {
-            let package = package(&manifest);
-            said.executables.push((package, source, executable));
+            let kind = ["lib", "test", "example", "bin"]
+                .into_iter()
+                .find(|kind| source.kind.iter().any(|of| of == kind))
+                .unwrap_or("test");
+            let target = Target {
+                package: package(&manifest),
+                kind,
+                // A package has one library.
+                name: if kind == "lib" {
+                    String::new()
+                } else {
+                    source.name
+                },
+            };
+            said.executables.insert(target, executable);
         }
     }
     if said.text.is_empty() && !said.success {

@@ -91,17 +91,14 @@ impl Executable<'_> {
     /// Nothing where each of these tests fails by an assertion of its own, else what is wrong and what was printed.
     pub(crate) fn judge(
         &self,
-        mutant: &str,
-        number: Option<u32>,
+        mutant: &Mutant,
         tests: &BTreeSet<String>,
     ) -> io::Result<Result<(), (String, String)>> {
         let mut command = Command::new(self.path);
         command.args(["--exact", "--test-threads=1"]).args(tests);
-        if let Some(number) = number {
-            command.env("MUTANT", number.to_string());
-        }
-        let run = self.run(command, mutant, LIMIT, Until::AllEnded)?;
-        let wrong = verdict(&run, self.target, tests, number.is_some());
+        command.env("MUTANT", mutant.number().to_string());
+        let run = self.run(command, &mutant.id, LIMIT, Until::AllEnded)?;
+        let wrong = verdict(&run, self.target, tests);
         Ok(wrong.map_or(Ok(()), |wrong| Err((wrong, run.output))))
     }
 
@@ -209,11 +206,11 @@ fn passed(output: &str, test: &str) -> bool {
 }
 
 /// What is wrong with a run in which each of these tests should have failed by an assertion of its own.
-fn verdict(run: &Run, target: &Target, tests: &BTreeSet<String>, chosen: bool) -> Option<String> {
+fn verdict(run: &Run, target: &Target, tests: &BTreeSet<String>) -> Option<String> {
     if !run.in_time {
         return Some("hangs".to_owned());
     }
-    if chosen && run.seen.is_empty() {
+    if run.seen.is_empty() {
         return Some("is never evaluated".to_owned());
     }
     for test in tests {
@@ -258,7 +255,7 @@ mod tests {
             kind: "test",
             name: "moves".to_owned(),
         };
-        verdict(&run, &target, &BTreeSet::from(["a::b".to_owned()]), true)
+        verdict(&run, &target, &BTreeSet::from(["a::b".to_owned()]))
     }
 
     #[test]

@@ -7,9 +7,6 @@ use std::str::FromStr;
 
 use serde::Deserialize;
 
-/// At most so many mutants are built singly.
-const MOST_SINGLE: usize = 30;
-
 /// A known way to get it wrong, and how it is known that it would be seen.
 #[derive(Debug)]
 pub(crate) struct Mutant {
@@ -17,8 +14,6 @@ pub(crate) struct Mutant {
     /// Each of them fails with the mutant.
     pub(crate) tests: BTreeMap<Target, BTreeSet<String>>,
     pub(crate) edits: Vec<Edit>,
-    /// Built by itself, since it stands where nothing can be chosen at run time.
-    pub(crate) single: bool,
 }
 
 impl Mutant {
@@ -28,7 +23,6 @@ impl Mutant {
             id: name.to_owned(),
             tests: BTreeMap::new(),
             edits: Vec::new(),
-            single: false,
         }
     }
 
@@ -177,8 +171,6 @@ struct Row {
     why: String,
     /// None where only the conformance page names tests for it.
     test: Option<String>,
-    /// Why nothing can be chosen at run time where it stands.
-    single: Option<String>,
     edits: Vec<Edit>,
 }
 
@@ -219,8 +211,7 @@ fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<Fault>)> {
                 "neither the row nor docs/conformance.md names a test",
             ));
         }
-        if row.why.trim().is_empty() || row.single.as_ref().is_some_and(|why| why.trim().is_empty())
-        {
+        if row.why.trim().is_empty() {
             faults.push(Fault::new(&row.id, "no reason"));
         }
         if row.edits.is_empty() {
@@ -230,7 +221,6 @@ fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<Fault>)> {
             id: row.id,
             tests,
             edits: row.edits,
-            single: row.single.is_some(),
         };
         if !ids.insert(mutant.id.clone()) || !numbers.insert(mutant.number()) {
             faults.push(Fault::new(
@@ -244,13 +234,6 @@ fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<Fault>)> {
         faults.push(Fault::new(
             id,
             "docs/conformance.md names it, but it has no row",
-        ));
-    }
-    let single = mutants.iter().filter(|mutant| mutant.single).count();
-    if single > MOST_SINGLE {
-        faults.push(Fault::new(
-            &"tests/mutants.toml",
-            format!("{single} rows are built singly, {MOST_SINGLE} may be"),
         ));
     }
     Ok((mutants, faults))
@@ -319,21 +302,6 @@ mod tests {
                 "01-b: docs/conformance.md names it, but it has no row",
             ]
         );
-    }
-
-    #[test]
-    fn at_most_thirty_rows_are_built_singly() {
-        let text: String = (0..31)
-            .map(|number| {
-                row(
-                    &format!("{number}"),
-                    "test = \"--lib a\"\nsingle = \"a constant\"",
-                )
-            })
-            .collect();
-        let (_, faults) = rows(&text, "").expect("a table");
-        let many = "31 rows are built singly, 30 may be";
-        assert_eq!(faults, [Fault::new(&"tests/mutants.toml", many)]);
     }
 
     #[test]

@@ -209,7 +209,7 @@ impl<'a> Sources<'a> {
             .range((name.to_owned(), 0)..=(name.to_owned(), usize::MAX));
         placed
             .map(|((_, number), edits)| (&self.mutants[*number], edits))
-            .filter(|(mutant, _)| !mutant.single && !without.contains(&mutant.number()))
+            .filter(|(mutant, _)| !without.contains(&mutant.number()))
             .map(|(mutant, edits)| Change {
                 id: &mutant.id,
                 number: mutant.number(),
