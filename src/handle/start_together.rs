@@ -163,10 +163,11 @@ impl Groups {
 impl Group {
     /// Whether there is nothing more to do for it.
     fn advance(&self, now: Duration, axes: &mut impl AxisSet) -> bool {
-        let failed = |member: &GroupMember| member.shared.is_done(member.id);
-        if self.members.iter().any(failed) {
+        let is_done = |member: &GroupMember| member.shared.is_done(member.id);
+        if self.members.iter().any(is_done) {
             self.withdraw(axes);
-            return true;
+            // One that was asked for when this cycle had looked at its axis is not taken yet.
+            return self.members.iter().all(is_done);
         }
         let mut is_armed = |member: &GroupMember| {
             axes.axis(member.axis)

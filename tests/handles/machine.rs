@@ -247,13 +247,21 @@ impl Machine {
 
     /// One cycle, with something that the program does while the frame is under way.
     pub(crate) fn cycle_while(&mut self, under_way: impl FnOnce()) {
+        self.cycle_with(0, || (), under_way);
+    }
+
+    /// One cycle, with something that the program does when commands were taken from the axes before this one alone.
+    pub(crate) fn cycle_between(&mut self, axis: usize, taken: impl FnOnce()) {
+        self.cycle_with(axis, taken, || ());
+    }
+
+    fn cycle_with(&mut self, axis: usize, taken: impl FnOnce(), under_way: impl FnOnce()) {
         self.now += CYCLE;
         let now = self.now;
-        for station in &mut self.stations {
-            if let Some(port) = &mut station.port {
-                port.before_send(&mut station.core, now, &mut station.outputs);
-            }
-        }
+        let (before, behind) = self.stations.split_at_mut(axis);
+        before.iter_mut().for_each(|station| station.take(now));
+        taken();
+        behind.iter_mut().for_each(|station| station.take(now));
         self.groups.advance(now, &mut Stations(&mut self.stations));
         under_way();
         for station in &mut self.stations {
@@ -362,6 +370,12 @@ impl Station {
             lacks: 0,
             sdo,
             layout,
+        }
+    }
+
+    fn take(&mut self, now: Duration) {
+        if let Some(port) = &mut self.port {
+            port.before_send(&mut self.core, now, &mut self.outputs);
         }
     }
 

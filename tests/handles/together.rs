@@ -86,6 +86,23 @@ fn none_starts_when_one_is_refused() {
     }
 }
 
+/// The cycle has looked at the first axis when the group is asked for, and the second one refuses at once.
+#[test]
+fn none_waits_for_ever_when_one_is_refused_before_the_others_are_taken() {
+    let (mut machine, pp) = machine(2);
+    machine.finish(pp[1].axis().disable()).unwrap();
+    let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
+    let mut together = Task::new(start_together(requests));
+    machine.cycle_between(1, || assert!(together.poll().is_none()));
+    let error = machine.finish_task(&mut together).unwrap_err();
+    assert!(matches!(error.failure(), Some(Failure::NotEnabled { .. })));
+    assert!(!was_sent(&error), "{error}");
+    // The axis that was not refused is free for the next move.
+    let next = pp[0].move_abs(100, SetPoint::new());
+    assert!(machine.finish(next).is_ok());
+    assert_eq!(rises(&machine, 0).len(), 1);
+}
+
 #[test]
 fn none_starts_when_one_would_end_beyond_a_limit() {
     let mut variant = Variant {
