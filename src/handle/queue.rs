@@ -894,6 +894,11 @@ impl Shared {
         }
     }
 
+    /// Whether nobody waits for this command any more.
+    fn is_left(&self, id: CommandId) -> bool {
+        self.slots.of(id).is_some_and(|slot| slot.has(mark::LEFT))
+    }
+
     /// Whether the drive has acknowledged this motion's set-point.
     pub fn is_accepted(&self, ticket: &Ticket) -> bool {
         let kept = ticket.kept();
@@ -1707,7 +1712,7 @@ impl AxisPort {
             let Some((id, command, asked)) = self.shared.take_command() else {
                 break;
             };
-            match self.refusal(command, asked, core) {
+            match self.refusal(id, command, asked, core) {
                 Some(failure) => self.shared.report(id, Event::Done(Err(failure))),
                 None => core.submit(now, id, command, outputs),
             }
@@ -1716,7 +1721,13 @@ impl AxisPort {
     }
 
     /// Why the core is not to see this command.
-    fn refusal(&self, command: Command, asked: LastStop, core: &AxisCore) -> Option<Failure> {
+    fn refusal(
+        &self,
+        id: CommandId,
+        command: Command,
+        asked: LastStop,
+        core: &AxisCore,
+    ) -> Option<Failure> {
         if StopKind::of(command).is_some() {
             return None;
         }
@@ -1726,6 +1737,10 @@ impl AxisPort {
         match command {
             // The core says why.
             _ if core.expired => None,
+            // Dropped since the withdrawals were taken: the parameters of the next may be written already.
+            Command::Move(_) | Command::Home(_) if self.shared.is_left(id) => {
+                Some(Failure::Withdrawn)
+            }
             Command::Move(_) | Command::Home(_) | Command::Jog(_) => {
                 self.shared.stopped_since(asked, core.state())
             }
@@ -1981,6 +1996,63 @@ mod tests {
         // It was in the queue twice.
         assert!(!slot.take() && !slot.ends(Err(Failure::Busy)));
         assert_eq!(slot.result.pop(), Some(done));
+    }
+
+    /// It is dropped while the bus thread takes commands in, and its withdrawal is in the next cycle.
+    #[test]
+    fn a_move_that_is_dropped_before_it_is_taken_is_not_started() {
+        use crate::{
+            axis::{AxisFields, AxisIdentity, AxisSetup, CoreConfig, GroupQueue, NoParameters},
+            coe::{AxisOffset, DriveId},
+            drives,
+            profile_position::{MoveCommand, Reference, SetPoint},
+            units::AxisScale,
+        };
+
+        let layout = drives::generic().default_mapping().unwrap().layout();
+        let fields = AxisFields::from_layout(&layout, AxisOffset::default()).unwrap();
+        let mut core = AxisCore::new(CoreConfig::new(fields));
+        let drive = DriveId {
+            position: 0,
+            name: "lift".into(),
+            identity: Default::default(),
+        };
+        let setup = AxisSetup {
+            identity: AxisIdentity {
+                axis: "z".into(),
+                drive,
+            },
+            offset: AxisOffset::default(),
+            fields,
+            scale: AxisScale::COUNTS,
+            layout,
+            parameters: Arc::new(NoParameters),
+            groups: GroupQueue::in_virtual_time(),
+            index: 0,
+        };
+        let (_, mut port) = setup.open(&core);
+        let command = Command::Move(MoveCommand {
+            reference: Reference::Absolute,
+            target: 1_000,
+            set_point: SetPoint::new(),
+            gated: false,
+        });
+        let asked = port.shared.last_stop();
+        let kept = port.shared.submit_asked(command, asked).unwrap();
+        let dropped = port.shared.submit_asked(command, asked).unwrap();
+        port.shared.leave(&dropped);
+        port.before_send(&mut core, Duration::from_millis(1), &mut [0; 19]);
+        let result_of = |ticket: &Ticket| {
+            port.shared
+                .slots
+                .of(ticket.id)
+                .unwrap()
+                .result
+                .pop()
+                .unwrap()
+        };
+        assert_eq!(result_of(&dropped), Err(Failure::Withdrawn));
+        assert_ne!(result_of(&kept), Err(Failure::Withdrawn));
     }
 
     #[test]
