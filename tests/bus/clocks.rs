@@ -16,7 +16,7 @@ use servocrab::drives;
 use servocrab::link::Link;
 use servocrab::parameters::StartUpWrite;
 use servocrab_sim::personality::{self, Servo};
-use servocrab_sim::{AlState, ClockDemand, ClockWidth, Device, Segment};
+use servocrab_sim::{AlState, ClockDemand, ClockWidth, Device, Habits, Segment};
 
 use crate::otherwise::Otherwise;
 use crate::rig::{Line, Rig};
@@ -281,6 +281,11 @@ fn left_by_a_program_with_clocks(drive: Servo) -> (Line, Duration) {
 #[test]
 fn a_drive_left_in_sync0_follows_its_process_data_without_clocks() {
     let (line, begin) = left_by_a_program_with_clocks(Servo::akd2g().sm_synchronous());
+    // Its processor takes its time for the acknowledge of what it has refused, too.
+    line.segment().device_mut(0).unwrap().set_habits(Habits {
+        al_delay: 20 * MS,
+        ..Habits::default()
+    });
     let drive = DriveConfig::new(drives::akd2g()).axis("x");
     let builder = Network::builder().link(line.wire_from(begin));
     let mut rig = Rig::start(builder.drive(0, drive)).unwrap();

@@ -414,3 +414,36 @@ fn a_drive_that_drops_in_op_is_reported_with_its_state_and_code_and_its_axes_are
         rig.shutdown();
     }
 }
+
+/// The program before was killed, and its drive fell by its watchdog. Its processor looks at AL control every few milliseconds.
+#[test]
+fn a_drive_that_is_slow_to_acknowledge_its_error_comes_up_and_is_led_back_at_the_first_try() {
+    for delay in [MS / 5, MS, 5 * MS, 50 * MS] {
+        let habits = Habits {
+            al_delay: delay,
+            ..Habits::default()
+        };
+        let line = Line::new(Segment::new().with(personality::generic()));
+        let falls = || {
+            let mut segment = line.segment();
+            segment.device_mut(0).unwrap().fall_to_safe_op(0x001B);
+        };
+        let start = |begin| {
+            let builder = Network::builder().link(line.wire_from(begin));
+            Rig::start(builder.drive(0, config()))
+                .unwrap_or_else(|error| panic!("{delay:?}: {error}"))
+        };
+        let killed = start(Duration::ZERO);
+        let end = killed.bus.now();
+        drop((killed.bus, killed.net));
+        falls();
+        line.segment().device_mut(0).unwrap().set_habits(habits);
+        let mut rig = start(end);
+        falls();
+        rig.run_for(300 * MS);
+        rig.recover(0)
+            .unwrap_or_else(|error| panic!("{delay:?}: {error}"));
+        assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
+        rig.shutdown();
+    }
+}

@@ -30,6 +30,8 @@ pub struct Habits {
     pub refuses: Option<(u64, Abort)>,
     /// When the first state is asked for, it falls into the second, or stays below it, with this AL status code.
     pub falls: Option<(AlState, AlState, u16)>,
+    /// It looks at AL control this long after it was written, and sees what was written last.
+    pub al_delay: Duration,
 }
 
 /// Habits at work.
@@ -38,9 +40,21 @@ pub(super) struct Practice {
     pub(super) habits: Habits,
     messages: u64,
     emergencies: u32,
+    /// What AL control holds, and when it is looked at.
+    asked: Option<(u16, Duration)>,
 }
 
 impl Practice {
+    /// AL control, once the device looks at it. `written` is what was written to it since the last call.
+    pub(super) fn al_control(&mut self, written: Option<u16>, now: Duration) -> Option<u16> {
+        if let Some(control) = written {
+            let at = now.saturating_add(self.habits.al_delay);
+            self.asked = Some((control, self.asked.map_or(at, |(_, at)| at)));
+        }
+        let (control, _) = self.asked.take_if(|(_, at)| *at <= now)?;
+        Some(control)
+    }
+
     /// A reply in place of what the device would answer, to the next message.
     pub(super) fn refuse(&mut self, payload: &[u8]) -> Option<Vec<u8>> {
         let number = self.messages;

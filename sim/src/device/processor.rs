@@ -95,18 +95,7 @@ impl Device {
         if self.frozen {
             return;
         }
-        if let Some(control) = self.esc.take_al_control() {
-            let before = self.al.state();
-            let mut al = self.al.clone();
-            match self.practice.habits.falls {
-                Some((asked, to, code)) if control & 0x0F == u16::from(asked as u8) => {
-                    al.fall(to, code);
-                }
-                _ => al.request(control, &CheckedBy(self), now, OUTPUTS_PATIENCE),
-            }
-            self.al = al;
-            self.after_al(before);
-        }
+        self.look_at_al_control(now);
         if self.synchronisation.is_on() && !self.esc.sync0_runs() {
             // The processor notices in its own cycle.
             self.next_cycle = self.next_cycle.min(now.saturating_add(self.period()));
@@ -121,7 +110,24 @@ impl Device {
         self.poll_mailbox(now);
     }
 
+    fn look_at_al_control(&mut self, now: Duration) {
+        let written = self.esc.take_al_control();
+        if let Some(control) = self.practice.al_control(written, now) {
+            let before = self.al.state();
+            let mut al = self.al.clone();
+            match self.practice.habits.falls {
+                Some((asked, to, code)) if control & 0x0F == u16::from(asked as u8) => {
+                    al.fall(to, code);
+                }
+                _ => al.request(control, &CheckedBy(self), now, OUTPUTS_PATIENCE),
+            }
+            self.al = al;
+            self.after_al(before);
+        }
+    }
+
     fn cycle(&mut self, now: Duration) {
+        self.look_at_al_control(now);
         let before = self.al.state();
         let mut al = self.al.clone();
         al.poll(&CheckedBy(self), now);

@@ -223,6 +223,8 @@ impl Registers {
 /// Written there: INIT, with any error acknowledged.
 pub(in crate::bus) const RESET: [u8; 2] = [0x11, 0];
 const ERROR: u8 = 0x10;
+/// How long a SubDevice may show an error that was acknowledged (ETG.1020, default timeout of a step back to SAFEOP).
+const ACKNOWLEDGE_LIMIT: Duration = Duration::from_millis(200);
 /// Pauses between two looks at the AL status: a fourth of the time that the change takes already, within these bounds.
 const SHORTEST_PAUSE: Duration = Duration::from_micros(100);
 const LONGEST_PAUSE: Duration = Duration::from_millis(2);
@@ -270,6 +272,26 @@ pub(in crate::bus) async fn request(
     ask(registers, station, state, limit).await
 }
 
+/// Looks at the AL status until it is as it should be, or the time is over; what it was last.
+async fn settled(
+    registers: &Registers,
+    station: u16,
+    limit: Duration,
+    is_settled: impl Fn(AlStatus) -> bool,
+) -> Result<AlStatus, RegisterError> {
+    let time = registers.time();
+    let started = time.now();
+    loop {
+        let seen = status(registers, station).await?;
+        let waited = time.now().saturating_sub(started);
+        if is_settled(seen) || waited >= limit {
+            return Ok(seen);
+        }
+        time.sleep((waited / 4).clamp(SHORTEST_PAUSE, LONGEST_PAUSE))
+            .await;
+    }
+}
+
 /// Asks for a state, and waits until the SubDevice is there or refuses.
 async fn ask(
     registers: &Registers,
@@ -280,27 +302,19 @@ async fn ask(
     registers
         .write(station, esc::AL_CONTROL, &[state.bits(), 0])
         .await?;
-    let time = registers.time();
-    let started = time.now();
-    loop {
-        let seen = status(registers, station).await?;
-        if seen.error.is_some() {
-            acknowledge(registers, station, seen.state).await?;
-            return Err(AlError::Refused(seen));
-        }
-        if seen.state == state {
-            return Ok(());
-        }
-        let waited = time.now().saturating_sub(started);
-        if waited >= limit {
-            return Err(AlError::Timeout {
-                after: limit,
-                status: seen,
-            });
-        }
-        time.sleep((waited / 4).clamp(SHORTEST_PAUSE, LONGEST_PAUSE))
-            .await;
+    let is_over = |seen: AlStatus| seen.error.is_some() || seen.state == state;
+    let seen = settled(registers, station, limit, is_over).await?;
+    if seen.error.is_some() {
+        acknowledge(registers, station, seen.state).await?;
+        return Err(AlError::Refused(seen));
     }
+    if seen.state == state {
+        return Ok(());
+    }
+    Err(AlError::Timeout {
+        after: limit,
+        status: seen,
+    })
 }
 
 /// Brings a SubDevice that should be in `from` without error one step up into `to`. One that has left `from` meanwhile, or shows an
@@ -349,7 +363,8 @@ pub(in crate::bus) async fn lower(
     request(registers, station, state, limit).await
 }
 
-/// Takes the error indication away.
+/// Takes the error indication away. Its processor may take milliseconds. It sees what was written last, and until then it shows the
+/// old error.
 async fn acknowledge(
     registers: &Registers,
     station: u16,
@@ -357,7 +372,10 @@ async fn acknowledge(
 ) -> Result<(), RegisterError> {
     registers
         .write(station, esc::AL_CONTROL, &[state.bits() | ERROR, 0])
-        .await
+        .await?;
+    let is_gone = |seen: AlStatus| seen.error.is_none();
+    settled(registers, station, ACKNOWLEDGE_LIMIT, is_gone).await?;
+    Ok(())
 }
 
 #[cfg(test)]
