@@ -451,3 +451,22 @@ fn a_pdo_that_holds_the_target_twice_is_refused_or_both_written() {
     ];
     goes_where_it_is_asked_to(device.build(), description);
 }
+
+#[test]
+fn what_an_axis_does_without_its_master_stops_it_where_the_process_data_hold_that_as_well() {
+    let device = Servo::generic().build();
+    let line = Line::new(Segment::new().with(device));
+    let object = |line: &Line| line.segment().axis(0, 0).unwrap().get(0x6007, 0);
+    // What the drive has stored.
+    line.segment()
+        .axis_mut(0, 0)
+        .unwrap()
+        .set(0x6007, 0, 0)
+        .unwrap();
+    let axis = AxisConfig::new("x").map_output(obj::ABORT_CONNECTION_OPTION);
+    let config = DriveConfig::new(drives::generic()).axis(axis);
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
+    rig.run_for(Duration::from_millis(50));
+    assert_eq!(object(&line), Some(3));
+    rig.shutdown();
+}

@@ -124,6 +124,13 @@ impl Drive {
             };
             self.read_axis(Reading::Overwritten, sdo, axis, &mut ready)
                 .await?;
+            let on_loss = obj::ABORT_CONNECTION_OPTION.offset(offset);
+            if self.layout.output(on_loss).is_ok() {
+                // It goes out as the drive holds it next. The way of its quick stop is read later, where that is not mapped.
+                let code = read_if_there(sdo, obj::QUICK_STOP_OPTION.offset(offset)).await?;
+                let quick_stop = code.map_or(ready.config.quick_stop, QuickStopOption);
+                stop_on_loss(sdo, axis, offset, quick_stop).await?;
+            }
             self.read_outputs(sdo, &mut ready).await?;
             axes.push(ready);
         }
@@ -142,7 +149,11 @@ impl Drive {
         for (axis, ready) in self.config.axes.iter().zip(&mut axes) {
             self.read_axis(Reading::Rest, sdo, axis, ready).await?;
             let quick_stop = ready.config.quick_stop;
-            stop_on_loss(context, sdo, axis, ready.offset, quick_stop).await?;
+            if !stop_on_loss(sdo, axis, ready.offset, quick_stop).await? {
+                let axis = axis.name.clone();
+                let note = LogRecord::NoAbortConnection { axis };
+                context.log.record(context.time.now(), note);
+            }
         }
         self.axes = axes;
         Ok(())
@@ -434,24 +445,21 @@ impl Due<'_> {
     }
 }
 
-/// Sets what the axis does when the process data stop to a value that stops it, and checks what the drive holds then.
+/// Sets what the axis does when the process data stop to a value that stops it, and checks what the drive holds then. Whether the
+/// drive has that object.
 async fn stop_on_loss(
-    context: &Context,
     sdo: &SdoHandle,
     axis: &AxisConfig,
     offset: AxisOffset,
     quick_stop: QuickStopOption,
-) -> Result<(), StepError> {
+) -> Result<bool, StepError> {
     let step = BringUpStep::AbortConnection;
     let object = obj::ABORT_CONNECTION_OPTION.offset(offset);
     let Some(mut value) = read_if_there(sdo, object)
         .await
         .map_err(|StepError(_, error)| StepError(step, error))?
     else {
-        let axis = axis.name.clone();
-        let note = LogRecord::NoAbortConnection { axis };
-        context.log.record(context.time.now(), note);
-        return Ok(());
+        return Ok(false);
     };
     // A quick stop that only switches off would let the axis coast: then a fault, which has a reaction of its own.
     let preferred = [
@@ -462,7 +470,7 @@ async fn stop_on_loss(
     let skip = usize::from(!quick_stop.stops_under_control());
     for choice in preferred.into_iter().skip(skip) {
         if value == choice.raw() {
-            return Ok(());
+            return Ok(true);
         }
         match sdo.write(object, choice.raw()).await {
             Ok(()) => {}
@@ -471,11 +479,11 @@ async fn stop_on_loss(
         }
         value = sdo.read(object).await.at(step)?;
         if value == choice.raw() {
-            return Ok(());
+            return Ok(true);
         }
     }
     if AbortConnection::from_raw(value).stops() {
-        return Ok(());
+        return Ok(true);
     }
     let axis = axis.name.clone();
     Err(DriveFault::DoesNotStop { axis, value }).at(step)
