@@ -14,7 +14,7 @@ use servocrab::{
     drives,
     link::Wire,
     parameters::{StartUpWrite, Transition},
-    profile_position::{Outcome, SetPoint},
+    profile_position::{Limits, Outcome, PositionRange, SetPoint},
 };
 use servocrab_sim::{AlState, Direction, Segment, personality};
 
@@ -359,6 +359,23 @@ fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
     let unnamed = akd2g().change_axis("z", |axis| axis.map_input(obj::DIGITAL_INPUTS));
     assert!(text(net().drive(0, unnamed)).contains("`z` is no axis"));
     assert!(text(net().cycle(Duration::ZERO).drive(0, akd2g())).contains("cycle"));
+    for (software, position_range) in [
+        (Some((1_000, -1_000)), None),
+        (Some((0, 0)), None),
+        (None, Some((1_000, -1_000))),
+    ] {
+        let range = |(min, max)| PositionRange { min, max };
+        let limits = Limits {
+            software: software.map(range),
+            position_range: position_range.map(range),
+            ..Limits::trust_drive()
+        };
+        let reversed = akd2g().change_axis("y", |axis| axis.limits(limits));
+        assert!(
+            text(net().drive(0, reversed)).contains("axis `y`"),
+            "{limits:?}"
+        );
+    }
     for (stale_cycles, undelivered_cycles) in [(0, 10), (20, 10), (u32::MAX, u32::MAX)] {
         let loss = Loss {
             stale_cycles,

@@ -253,6 +253,18 @@ impl AxisConfig {
 
     /// What is wrong with the declaration itself.
     fn mistake(&self) -> Option<String> {
+        let limits = self
+            .limits
+            .map(|limits| [limits.software, limits.position_range]);
+        let mut ranges = limits.into_iter().flatten().flatten();
+        // A drive takes such limits for none at all.
+        if let Some(range) = ranges.find(|range| range.min >= range.max) {
+            return Some(format!(
+                "`limits` gives axis `{}` the positions {} to {}, which bound nothing: the least must be below the greatest; where \
+                 nothing is to be checked, say `None`",
+                self.name, range.min, range.max
+            ));
+        }
         match self.modulo {
             Some(Turn::These(turn)) if turn.length().is_none() => Some(format!(
                 "`modulo_over` gives axis `{}` the positions {} to {}, which are no turn: its greatest position must be above \
@@ -343,7 +355,7 @@ impl AxisConfig {
     }
 
     /// What its moves are checked against, in place of what the drive holds. Without it its limit objects are read when it attaches; with
-    /// [`Limits::trust_drive`] nothing is checked.
+    /// [`Limits::trust_drive`] nothing is checked. A range whose minimum is not below its maximum is a mistake, which `start()` reports.
     #[must_use]
     pub const fn limits(mut self, limits: Limits) -> Self {
         self.limits = Some(limits);
