@@ -89,6 +89,41 @@ fn a_relative_replacement_beyond_a_limit_fails_alone() {
     assert_eq!(rig.reports(fourth).len(), 1);
 }
 
+/// Distances one after another, each while the axis is still on the way of the one before; the first since it was enabled.
+#[test]
+fn a_distance_that_replaces_another_may_count_from_where_that_would_have_ended() {
+    use servocrab_sim::ds402::RelativeBase as Simulated;
+    for (known, drive) in [
+        (RelativeBase::PreviousTarget, Simulated::PreviousTarget),
+        (RelativeBase::Undocumented, Simulated::PreviousTarget),
+        (RelativeBase::Undocumented, Simulated::Demand),
+    ] {
+        let behaviour = Behaviour {
+            relative_base: drive,
+            ..Behaviour::akd2g()
+        };
+        let mut rig = Rig::of(description(), behaviour, |config| {
+            config.traits.relative_base = known;
+        });
+        rig.enable();
+        for replacements in 1..4 {
+            let mut last = rig.rel(30_000, SetPoint::new());
+            for _ in 0..replacements {
+                rig.wait_accepted(last);
+                rig.run(150);
+                last = rig.rel(30_000, SetPoint::new());
+            }
+            let end = rig.finish(last);
+            assert!(
+                matches!(end, Ok(Completion::Reached { .. })),
+                "{known:?} {drive:?} {replacements}: {end:?}"
+            );
+            // What the next one counts from is not known.
+            jog(&mut rig);
+        }
+    }
+}
+
 #[test]
 fn after_a_jog_a_distance_counts_from_where_the_axis_stands() {
     let mut rig = rig();

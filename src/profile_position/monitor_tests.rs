@@ -139,6 +139,7 @@ fn distance(way: i32, bases: Bases) -> SetPointMonitor {
 const fn base(position: i32) -> Bases {
     Bases {
         previous: None,
+        beside: 0,
         position,
         slack: 0,
         is_own: false,
@@ -199,6 +200,10 @@ fn a_distance_may_end_as_far_from_its_base_as_that_is_vague() {
         previous: Some(200),
         ..base(0)
     };
+    let beside = Bases {
+        beside: 5,
+        ..before
+    };
     for (bases, position, leads, all_lead) in [
         (base(0), 110, true, true),
         (base(0), 90, true, true),
@@ -210,6 +215,8 @@ fn a_distance_may_end_as_far_from_its_base_as_that_is_vague() {
         (before, 290, true, false),
         (before, 310, true, false),
         (before, 311, false, false),
+        (beside, 315, true, false),
+        (beside, 316, false, false),
     ] {
         assert_eq!(bases.lead_to(position, 100, &bounds), leads, "{position}");
         let all = bases.all_lead_to(position, 100, &bounds);
@@ -274,18 +281,40 @@ fn the_end_before_is_near_within_three_windows_or_the_lag() {
 #[test]
 fn a_base_is_as_vague_as_an_axis_in_motion_has_gone_eight_times() {
     let slack = |scene: &Scene, from_rest| {
-        scene.shows(|cycle| Bases::of(0, Some(7), from_rest, cycle).slack)
+        scene.shows(|cycle| Bases::of(0, Some(7), None, from_rest, cycle).slack)
     };
     let moving = Scene::at(5);
     assert_eq!(slack(&moving, false), 50);
     assert_eq!(slack(&moving, true), 10);
     let standing = Scene::rests(5, ms(200));
     assert_eq!(slack(&standing, false), 10);
-    let of = moving.shows(|cycle| Bases::of(2, Some(7), false, cycle));
+    let of = moving.shows(|cycle| Bases::of(2, Some(7), None, false, cycle));
     assert!(of.is_own);
     let behind = of.after(100, &moving.bounds);
     assert_eq!((behind.previous, behind.position), (Some(107), 102));
     assert_eq!((behind.slack, behind.is_own), (of.slack + 10, false));
+}
+
+#[test]
+fn what_replaces_a_distance_without_an_end_may_count_from_where_that_would_have_ended() {
+    let first = Bases {
+        slack: 20,
+        ..base(100)
+    };
+    let third = Bases {
+        previous: Some(50),
+        beside: 10,
+        ..first
+    };
+    for (previous, replaced, counts_from) in [
+        (None, None, (None, 0)),
+        (None, Some(first), (Some(100), 20)),
+        (None, Some(third), (Some(50), 10)),
+        (Some(7), Some(third), (Some(7), 0)),
+    ] {
+        let of = Scene::at(0).shows(|cycle| Bases::of(0, previous, replaced, false, cycle));
+        assert_eq!((of.previous, of.beside), counts_from);
+    }
 }
 
 #[test]

@@ -531,6 +531,7 @@ impl Sequencer {
         let previous = is_relative
             .then(|| self.drive_buffer.previous_end())
             .flatten();
+        let replaced = self.drive_buffer.replaced_by(&request.command);
         self.bit4 = Bit4::High {
             raised: Raised {
                 request,
@@ -545,6 +546,7 @@ impl Sequencer {
                 at_base: self.drive_buffer.is_at_base(),
                 far_behind: before.is_some() && !cycle.is_reached(),
                 behind: before.and_then(|before| before.bases_behind(cycle.bounds)),
+                replaced: replaced.and_then(|replaced| replaced.bases_behind(cycle.bounds)),
                 behind_loose: before.is_some_and(SetPointMonitor::may_end_beside),
                 early: false,
             },
@@ -650,6 +652,8 @@ struct Raised {
     pub far_behind: bool,
     /// Behind a distance whose end is not known, what a distance counts from.
     pub behind: Option<Bases>,
+    /// The same of a distance that it replaces.
+    pub replaced: Option<Bases>,
     /// Whether it is behind a distance that may end beside the place that its end was reckoned for.
     pub behind_loose: bool,
     /// Whether the axis was within the window around its end since it was sent: the drive may have been at it already.
@@ -1573,6 +1577,13 @@ impl DriveBuffer {
         self.held.iter().flatten().last().filter(|_| queues)
     }
 
+    /// The last one that a distance is to replace.
+    pub fn replaced_by(&self, command: &MoveCommand) -> Option<&SetPointMonitor> {
+        let replaces = command.reference == Reference::Relative
+            && command.set_point.buffer_mode == BufferMode::Aborting;
+        self.held.iter().flatten().last().filter(|_| replaces)
+    }
+
     /// Whether one of them ends so near to a position that an axis there may have been led by either.
     pub fn ends_near(&self, position: i32, bounds: &Bounds) -> bool {
         let near = |end| bounds.distance(end, position) <= bounds.position.saturating_mul(3);
@@ -1763,6 +1774,8 @@ impl Lingering {
 #[derive(Debug, Clone, Copy, Hash)]
 struct Bases {
     previous: Option<i32>,
+    /// How far the drive's base may be from that end: 0 where it is known.
+    beside: u32,
     position: i32,
     /// How far the drive's base may be from that position.
     slack: u32,
@@ -1771,7 +1784,15 @@ struct Bases {
 }
 
 impl Bases {
-    fn of(begin: i32, previous: Option<i32>, from_rest: bool, cycle: &Cycle<'_>) -> Self {
+    /// `replaced`: those behind a distance which this one replaces, and whose end is not known. The drive may count from where that would
+    /// have ended.
+    fn of(
+        begin: i32,
+        previous: Option<i32>,
+        replaced: Option<Self>,
+        from_rest: bool,
+        cycle: &Cycle<'_>,
+    ) -> Self {
         // In motion the drive took it between these two cycles, and its demand may be ahead of the axis by several times that way. What
         // an axis that stands has gone is noise.
         let way = if from_rest || cycle.standstill.is_standing() {
@@ -1779,8 +1800,14 @@ impl Bases {
         } else {
             cycle.bounds.distance(begin, cycle.sample.position)
         };
+        let (previous, beside) = match (previous, replaced) {
+            (None, Some(behind)) if behind.previous.is_some() => (behind.previous, behind.beside),
+            (None, Some(behind)) => (Some(behind.position), behind.slack),
+            _ => (previous, 0),
+        };
         Self {
             previous,
+            beside,
             position: begin,
             slack: way.saturating_mul(8).saturating_add(cycle.bounds.position),
             is_own: true,
@@ -1791,6 +1818,7 @@ impl Bases {
     fn after(self, distance: i32, bounds: &Bounds) -> Self {
         Self {
             previous: self.previous.map(|end| bounds.after(end, distance)),
+            beside: self.beside,
             position: bounds.after(self.position, distance),
             slack: self.slack.saturating_add(bounds.position),
             is_own: false,
@@ -1817,7 +1845,8 @@ impl Bases {
         if stays {
             return false;
         }
-        near(self.position, self.slack) || self.previous.is_some_and(|end| near(end, 0))
+        let from_end = |end| near(end, self.beside);
+        near(self.position, self.slack) || self.previous.is_some_and(from_end)
     }
 
     /// Whether a distance ends at this position from wherever it counts: from anywhere between these places.
@@ -1828,7 +1857,7 @@ impl Bases {
             let away = bounds.distance(bounds.after(base, distance), position);
             away.saturating_add(beside) <= window
         };
-        near(self.position, beside) && self.previous.is_none_or(|end| near(end, 0))
+        near(self.position, beside) && self.previous.is_none_or(|end| near(end, self.beside))
     }
 }
 
@@ -1989,6 +2018,7 @@ impl SetPointMonitor {
             at_base,
             far_behind,
             behind,
+            replaced,
             behind_loose,
             early,
         } = raised;
@@ -2010,7 +2040,7 @@ impl SetPointMonitor {
             // Only a distance counts from them.
             bases: behind.unwrap_or_else(|| {
                 let is_absolute = command.reference == Reference::Absolute;
-                Bases::of(at, previous, from_rest || is_absolute, cycle)
+                Bases::of(at, previous, replaced, from_rest || is_absolute, cycle)
             }),
             from_rest,
             overshoots: !from_rest && command.set_point.buffer_mode != BufferMode::Blending,
