@@ -464,7 +464,7 @@ impl Device {
         let sii = &self.found.sii;
         let watchdog = self.watchdog.is_some();
         let mut logical = self.logical;
-        let mut areas = Vec::new();
+        let (mut areas, mut fmmus) = (Vec::new(), Vec::new());
         match &self.kind {
             DeviceKind::Drive(_) => {
                 let (outputs, inputs) = self.sizes();
@@ -476,12 +476,12 @@ impl Device {
                     ),
                     (AreaDirection::Inputs, SyncManagerUsage::Inputs, inputs),
                 ] {
-                    areas.push((direction, sync_managers::area(sii, usage, bytes, logical)?));
+                    let area = sync_managers::area(sii, usage, &mut fmmus, bytes, logical)?;
+                    areas.push((direction, area));
                     logical = behind(logical, bytes);
                 }
             }
             DeviceKind::Io { points, .. } => {
-                let mut fmmus: Vec<u8> = Vec::new();
                 for piece in &points.pieces {
                     let &Piece {
                         direction,
@@ -496,15 +496,7 @@ impl Device {
                         ),
                         Direction::Inputs => (AreaDirection::Inputs, "inputs", FmmuUsage::Inputs),
                     };
-                    let meant = (0..).zip(&sii.fmmu_usage);
-                    let meant = meant
-                        .filter(|(_, of)| **of == usage)
-                        .map(|(number, _)| number);
-                    let fmmu = meant
-                        .chain(0..u8::MAX)
-                        .find(|number| !fmmus.contains(number))
-                        .unwrap_or(u8::MAX);
-                    fmmus.push(fmmu);
+                    let fmmu = sync_managers::fmmu(sii, usage, &mut fmmus);
                     let area = Area::of_manager(sii, manager, fmmu, bytes, logical, what)?;
                     areas.push((direction, area));
                     logical = behind(logical, bytes);

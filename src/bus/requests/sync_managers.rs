@@ -78,26 +78,38 @@ pub(in crate::bus) async fn set_mailbox(
     Ok(())
 }
 
+/// Finds an FMMU for this use: one that the SII means for it, or else any that is not taken.
+pub(in crate::bus) fn fmmu(sii: &Sii, usage: FmmuUsage, taken: &mut Vec<u8>) -> u8 {
+    let meant = (0..).zip(&sii.fmmu_usage);
+    let meant = meant
+        .filter(|(_, of)| **of == usage)
+        .map(|(number, _)| number);
+    let fmmu = meant
+        .chain(0..u8::MAX)
+        .find(|number| !taken.contains(number))
+        .unwrap_or(u8::MAX);
+    taken.push(fmmu);
+    fmmu
+}
+
 /// Finds the sync manager and FMMU for the outputs or inputs of a drive.
 pub(in crate::bus) fn area(
     sii: &Sii,
     usage: SyncManagerUsage,
+    taken: &mut Vec<u8>,
     length: usize,
     logical: u32,
 ) -> Result<Area, SyncManagerError> {
-    let (what, wanted, default) = match usage {
-        SyncManagerUsage::Outputs => ("outputs", FmmuUsage::Outputs, 0),
-        _ => ("inputs", FmmuUsage::Inputs, 1),
+    let (what, wanted) = match usage {
+        SyncManagerUsage::Outputs => ("outputs", FmmuUsage::Outputs),
+        _ => ("inputs", FmmuUsage::Inputs),
     };
     let managers = (0..).zip(&sii.sync_managers);
     let (number, _) = managers
         .into_iter()
         .find(|(_, manager)| manager.usage == usage)
         .ok_or(SyncManagerError::Missing(what))?;
-    let fmmu = (0..)
-        .zip(&sii.fmmu_usage)
-        .find(|(_, usage)| **usage == wanted)
-        .map_or(default, |(number, _)| number);
+    let fmmu = fmmu(sii, wanted, taken);
     Area::of_manager(sii, number, fmmu, length, logical, what)
 }
 
@@ -488,7 +500,7 @@ mod tests {
 
     #[test]
     fn the_watchdog_trigger_is_set_even_where_the_sii_leaves_it_out() {
-        let outputs = area(&akd(), SyncManagerUsage::Outputs, 19, 0).unwrap();
+        let outputs = area(&akd(), SyncManagerUsage::Outputs, &mut vec![], 19, 0).unwrap();
         assert_eq!(
             outputs.control(AreaDirection::Outputs { watchdog: true }),
             0x64
@@ -499,11 +511,36 @@ mod tests {
         );
     }
 
+    /// Category 40 is wrong, or says nothing of one direction.
+    #[test]
+    fn outputs_and_inputs_never_share_an_fmmu() {
+        let (mailbox, unused) = (FmmuUsage::MailboxStatus, FmmuUsage::Unused);
+        let (outputs, inputs) = (FmmuUsage::Outputs, FmmuUsage::Inputs);
+        for (usages, expected) in [
+            (vec![], [0, 1]),
+            (vec![outputs, inputs, mailbox], [0, 1]),
+            (vec![inputs, outputs], [1, 0]),
+            (vec![outputs, unused], [0, 1]),
+            (vec![mailbox, outputs], [1, 0]),
+            (vec![inputs, unused], [0, 1]),
+            (vec![unused, outputs], [1, 0]),
+        ] {
+            let sii = Sii {
+                fmmu_usage: usages,
+                ..akd()
+            };
+            let mut taken = vec![];
+            let chosen = [SyncManagerUsage::Outputs, SyncManagerUsage::Inputs]
+                .map(|usage| area(&sii, usage, &mut taken, 8, 0).unwrap().fmmu);
+            assert_eq!(chosen, expected, "{:?}", sii.fmmu_usage);
+        }
+    }
+
     #[test]
     fn three_buffers_must_not_run_into_the_next_sync_manager() {
-        assert!(area(&akd(), SyncManagerUsage::Outputs, 21, 0).is_ok());
+        assert!(area(&akd(), SyncManagerUsage::Outputs, &mut vec![], 21, 0).is_ok());
         assert_eq!(
-            area(&akd(), SyncManagerUsage::Outputs, 22, 0),
+            area(&akd(), SyncManagerUsage::Outputs, &mut vec![], 22, 0),
             Err(SyncManagerError::Overlap {
                 what: "outputs",
                 start: 0x1100,
