@@ -183,7 +183,7 @@ impl fmt::Display for MovingAxis {
         } else {
             ", as last seen: its drive does not answer"
         };
-        write!(f, "{axis} {moved} at {position} in {state}{seen}")
+        write!(f, "{axis} {moved}, at {position} counts, in {state}{seen}")
     }
 }
 

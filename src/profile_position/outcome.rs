@@ -456,7 +456,9 @@ pub enum Failure {
     #[error("an earlier set-point may or may not have been taken by the drive: call stop() first")]
     NeedsStop,
     /// Another command of the kind is still at work.
-    #[error("another command is still at work on this axis")]
+    #[error(
+        "another command is still at work on this axis: wait for its end, or let go of the jog that is held"
+    )]
     Busy,
     /// The caller gave the command up before it was sent.
     #[error("withdrawn before it was sent")]

@@ -335,6 +335,8 @@ fn judge(doing: Doing, trouble: Incident, options: &[(u16, i64)]) -> bool {
             assert!(axes.iter().any(|axis| axis.axis.axis == "x"), "{case}");
             let text = ended.result.as_ref().unwrap_err().to_string();
             assert!(text.contains(": axis x (drive 0 "), "{text}");
+            // A velocity would be in counts/s.
+            assert!(text.contains(" counts, in "), "{text}");
         }
         Err(error) => panic!("{case}: {error}"),
     }

@@ -149,6 +149,7 @@ fn another_jog_takes_over_from_one_that_comes_to_rest_but_not_from_one_that_is_h
     let (mut machine, _axis, pv, jog) = held();
     let busy = machine.finish(pv.jog(1)).unwrap_err();
     assert_eq!(busy.failure(), Some(Failure::Busy));
+    assert!(busy.to_string().contains("let go of the jog"), "{busy}");
     let mut releasing = Task::new(jog.release());
     assert!(releasing.poll().is_none());
     let again = machine.finish(pv.jog(7_000)).unwrap();
