@@ -342,7 +342,7 @@ pub enum AxisErrorKind {
     NotAllStarted {
         /// The first reason, of the axis that the error names.
         cause: Arc<AxisErrorKind>,
-        /// The axes whose drives have acknowledged their moves. These are under way until somebody stops them.
+        /// The axes whose drives have acknowledged their moves. These are under way until somebody stops them. Others may be.
         started: Arc<[String]>,
     },
     /// The axis was declared in another unit than the handle that was asked for.

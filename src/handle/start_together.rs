@@ -313,7 +313,8 @@ mod sealed {
 ///
 /// # Errors
 /// The first reason. [`AxisErrorKind::NotAllStarted`] where the bits had risen: then the error names the axes whose drives have
-/// acknowledged their moves, which are under way. By any other error no drive has seen anything of the moves.
+/// acknowledged their moves, which are under way. A drive that has not acknowledged may have begun its own: stop every axis of the group.
+/// By any other error no bit 4 has risen.
 pub async fn start_together<R: StartTogether>(requests: R) -> Result<R::Moves, AxisError> {
     let pending = start(&requests.in_counts()).await?;
     requests.under_way(pending)
