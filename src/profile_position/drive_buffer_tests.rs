@@ -126,7 +126,6 @@ pub(super) fn raised(id: u32, command: MoveCommand, end: Option<i32>) -> Raised 
         at_base: true,
         far_behind: false,
         behind: None,
-        replaced: None,
         behind_loose: false,
         early: false,
     }

@@ -531,7 +531,7 @@ impl Sequencer {
         let previous = is_relative
             .then(|| self.drive_buffer.previous_end())
             .flatten();
-        let replaced = self.drive_buffer.replaced_by(&request.command);
+        let last = is_relative.then(|| self.drive_buffer.last()).flatten();
         self.bit4 = Bit4::High {
             raised: Raised {
                 request,
@@ -545,8 +545,7 @@ impl Sequencer {
                 stands: self.drive_buffer.stands(cycle),
                 at_base: self.drive_buffer.is_at_base(),
                 far_behind: before.is_some() && !cycle.is_reached(),
-                behind: before.and_then(|before| before.bases_behind(cycle.bounds)),
-                replaced: replaced.and_then(|replaced| replaced.bases_behind(cycle.bounds)),
+                behind: last.and_then(|last| last.bases_behind(cycle.bounds)),
                 behind_loose: before.is_some_and(SetPointMonitor::may_end_beside),
                 early: false,
             },
@@ -650,10 +649,8 @@ struct Raised {
     pub at_base: bool,
     /// Whether it is behind another that the drive holds, and that nothing shows to be over before it is acknowledged: bit 10, or where the axis was.
     pub far_behind: bool,
-    /// Behind a distance whose end is not known, what a distance counts from.
+    /// Behind a distance whose end is not known, or in its place: what a distance behind that counts from.
     pub behind: Option<Bases>,
-    /// The same of a distance that it replaces.
-    pub replaced: Option<Bases>,
     /// Whether it is behind a distance that may end beside the place that its end was reckoned for.
     pub behind_loose: bool,
     /// Whether the axis was within the window around its end since it was sent: the drive may have been at it already.
@@ -1574,14 +1571,12 @@ impl DriveBuffer {
     /// The one that a move is to follow.
     pub fn before(&self, command: &MoveCommand) -> Option<&SetPointMonitor> {
         let queues = command.set_point.buffer_mode != BufferMode::Aborting;
-        self.held.iter().flatten().last().filter(|_| queues)
+        self.last().filter(|_| queues)
     }
 
-    /// The last one that a distance is to replace.
-    pub fn replaced_by(&self, command: &MoveCommand) -> Option<&SetPointMonitor> {
-        let replaces = command.reference == Reference::Relative
-            && command.set_point.buffer_mode == BufferMode::Aborting;
-        self.held.iter().flatten().last().filter(|_| replaces)
+    /// The last one.
+    pub fn last(&self) -> Option<&SetPointMonitor> {
+        self.held.iter().flatten().last()
     }
 
     /// Whether one of them ends so near to a position that an axis there may have been led by either.
@@ -2018,7 +2013,6 @@ impl SetPointMonitor {
             at_base,
             far_behind,
             behind,
-            replaced,
             behind_loose,
             early,
         } = raised;
@@ -2038,10 +2032,13 @@ impl SetPointMonitor {
             stood_before: stands,
             swings: !stands,
             // Only a distance counts from them.
-            bases: behind.unwrap_or_else(|| {
-                let is_absolute = command.reference == Reference::Absolute;
-                Bases::of(at, previous, replaced, from_rest || is_absolute, cycle)
-            }),
+            bases: match behind {
+                Some(behind) if command.set_point.buffer_mode != BufferMode::Aborting => behind,
+                replaced => {
+                    let is_absolute = command.reference == Reference::Absolute;
+                    Bases::of(at, previous, replaced, from_rest || is_absolute, cycle)
+                }
+            },
             from_rest,
             overshoots: !from_rest && command.set_point.buffer_mode != BufferMode::Blending,
             confirmed,

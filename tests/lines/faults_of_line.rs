@@ -190,6 +190,7 @@ impl FaultDriver {
                     falls: random
                         .once_in(3)
                         .then(|| (random.one_of(&states), to, code)),
+                    ..Habits::default()
                 };
                 device.set_habits(habits);
                 "has habits"

@@ -292,7 +292,8 @@ impl AxisConfig {
 
     /// Maps one more object of it into what the master writes. The object is that of a first axis. A drive that cannot exchange it is
     /// refused at bring-up. Until the program sets it, a parameter of the axis (6000h to 67FFh) goes out as the drive held it at the
-    /// start: a limit, an object of homing. All else goes out as 0, such as an offset or a digital output.
+    /// start: a limit, an object of homing. 6007h goes out as a value that stops the axis. All else goes out as 0, such as an offset or
+    /// a digital output.
     #[must_use]
     pub fn map_output(mut self, object: impl Into<AnyObject>) -> Self {
         self.outputs.push(FurtherObject::required(object));
