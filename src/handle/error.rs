@@ -336,8 +336,8 @@ pub enum AxisErrorKind {
     /// Moves are started together on the axes of one network, each axis once.
     #[error("moves that start together need axes of one network, each of them once")]
     NotTogether,
-    /// The bits 4 of moves that start together had risen, and one drive has not acknowledged its own. Of any other kind no drive has
-    /// seen anything of the moves.
+    /// The bits 4 of moves that start together had risen, and one drive has not acknowledged its own. With any other kind no bit 4 has
+    /// risen; parameters that go by SDO may have been written.
     #[error("{}", NotAllStarted(.cause, .started))]
     NotAllStarted {
         /// The first reason, of the axis that the error names.
