@@ -572,3 +572,29 @@ fn what_is_just_within_the_limits_is_moved() {
     machine.finish(moved.done()).unwrap();
     assert_eq!(machine.drive().position(), 1_500);
 }
+
+/// An object that does not begin at a byte would be read from two others.
+#[test]
+fn an_axis_is_refused_whose_objects_begin_at_no_byte() {
+    use servocrab::{
+        axis::{AxisFields, FieldError},
+        coe::{AxisOffset, obj},
+        pdo_map::{Direction, Mapping},
+    };
+    let fields = |bits: u8| {
+        let mapping = Mapping::builder()
+            .rx_pdo(0x1600)
+            .output(obj::CONTROLWORD)
+            .padding(Direction::Outputs, bits)
+            .output(obj::TARGET_POSITION)
+            .tx_pdo(0x1A00)
+            .input(obj::STATUSWORD)
+            .input(obj::POSITION_ACTUAL)
+            .build()
+            .unwrap();
+        AxisFields::from_layout(&mapping.layout(), AxisOffset::default())
+    };
+    assert!(fields(8).is_ok());
+    let object = ObjectAddress::new(0x607A, 0);
+    assert_eq!(fields(3), Err(FieldError::Misplaced { object }));
+}

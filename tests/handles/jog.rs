@@ -9,7 +9,7 @@ use servocrab::{
     profile_position::SetPoint,
     profile_velocity::{Jog, JogSetPoint, ProfileVelocity},
 };
-use servocrab_sim::ds402::{Behaviour, VelocityEnd};
+use servocrab_sim::ds402::{Behaviour, Plant, VelocityEnd};
 
 use crate::machine::{CYCLE, Machine, Task, Variant, at_target, output};
 
@@ -468,4 +468,31 @@ fn a_jog_whose_holder_falls_silent_is_let_go_and_later_words_move_nothing() {
         "without a dead-man time it is held"
     );
     machine.finish(jog.release()).unwrap();
+}
+
+/// It has shown its way to rest before, and changes nothing any more.
+#[test]
+fn a_jog_that_has_come_to_rest_at_0_is_released_by_an_axis_that_shows_nothing_new() {
+    let (mut machine, axis) = Machine::enabled_of(&Variant {
+        behaviour: Behaviour::akd2g().with_plant(Plant::ideal()),
+        ..variant()
+    });
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let jog = machine.finish(pv.jog(20_000)).unwrap();
+    machine.run(100);
+    jog.set(0).unwrap();
+    let without_bit_10 = |machine: &mut Machine| {
+        machine.stations[0].lacks = 0x0400;
+        machine.cycle();
+    };
+    for _ in 0..500 {
+        without_bit_10(&mut machine);
+    }
+    assert!(machine.stands());
+    let mut releasing = Task::new(jog.release());
+    let released = (0..1_000).find_map(|_| {
+        without_bit_10(&mut machine);
+        releasing.poll()
+    });
+    released.expect("an end").unwrap();
 }
