@@ -219,6 +219,8 @@ fn package(manifest: &Path) -> String {
         Some("sim") => "servocrab-sim",
         Some("attach") => "servocrab-attach",
         Some("tools") => "servocrab-cli",
+        // The crate that says which mutant is on.
+        Some("mutants") => "mutants",
         _ => "servocrab",
     };
     of.to_owned()
