@@ -215,7 +215,6 @@ fn a_request_of_a_lease_that_was_given_back_moves_no_axis() {
             "{refused:?}"
         );
         machine.run(1_000);
-
         assert!(machine.drive().ledger().is_empty());
     }
 }

@@ -250,7 +250,7 @@ impl Work<'_> {
                     }
                     return Ok((executables, without));
                 }
-                Built::Errors { text, mutants } => {
+                Built::Errors { text, mutants, .. } => {
                     println!("{text}");
                     if mutants.is_subset(&without) {
                         return Err("the rewritten tree does not compile".into());

@@ -363,8 +363,8 @@ pub(in crate::bus) async fn lower(
     request(registers, station, state, limit).await
 }
 
-/// Takes the error indication away. Its processor may take milliseconds. It sees what was written last, and until then it shows the
-/// old error.
+/// Takes the error indication away, and waits until it is gone. The SubDevice's processor may look milliseconds later: it sees what was
+/// written last, and shows the old error until then.
 async fn acknowledge(
     registers: &Registers,
     station: u16,

@@ -16,22 +16,16 @@ const FAST: &str = "--config=profile.dev.package.servocrab.opt-level=0";
 /// Of a panic the place is looked at, which is known without the lines of the code.
 const WITHOUT_LINES: &str = "--config=profile.dev.debug=false";
 
+/// The crate that says which mutant is on: it has no tests.
+const WITHOUT_SWITCH: [&str; 2] = ["--exclude", "mutants"];
+
 /// What came of it.
 pub(crate) enum Built {
     /// The executable of each target.
     Executables(BTreeMap<Target, PathBuf>),
-    /// The errors, and the mutants in whose lines they are.
     Errors {
         text: String,
-        mutants: BTreeSet<u32>,
-    },
-}
-
-/// What came of building all tests.
-pub(crate) enum Everything {
-    Executables(BTreeMap<Target, PathBuf>),
-    Errors {
-        text: String,
+        /// The mutants in whose lines they are.
         mutants: BTreeSet<u32>,
         /// Functions that are called where only a constant one can be.
         not_constant: BTreeSet<String>,
@@ -87,24 +81,22 @@ pub(crate) fn build(tree: &Tree, targets: &BTreeSet<&Target>) -> crate::Result<B
     let arguments: BTreeSet<_> = targets.iter().map(|target| target.arguments()).collect();
     command
         .args(["--workspace", FAST, WITHOUT_LINES])
+        .args(WITHOUT_SWITCH)
         .args(arguments.iter().flatten());
-    let built = run(tree, &mut command)?;
-    if !built.success {
-        return Ok(Built::Errors {
-            text: built.text,
-            mutants: built.mutants,
-        });
+    let mut built = run(tree, &mut command)?;
+    if let Built::Executables(executables) = &mut built {
+        executables.retain(|target, _| targets.contains(target));
     }
-    let mut executables = built.executables;
-    executables.retain(|target, _| targets.contains(target));
-    Ok(Built::Executables(executables))
+    Ok(built)
 }
 
 /// Builds all tests of the workspace but the project's own commands, or only the named ones of the library.
-pub(crate) fn everything(tree: &Tree, only: &[String]) -> crate::Result<Everything> {
+pub(crate) fn everything(tree: &Tree, only: &[String]) -> crate::Result<Built> {
     let mut command = cargo(tree);
     if only.is_empty() {
-        command.args(["--workspace", "--exclude", "xtask"]);
+        command
+            .args(["--workspace", "--exclude", "xtask"])
+            .args(WITHOUT_SWITCH);
     } else {
         command.args(["--package", "servocrab"]);
         for suite in only {
@@ -114,15 +106,7 @@ pub(crate) fn everything(tree: &Tree, only: &[String]) -> crate::Result<Everythi
             };
         }
     }
-    let built = run(tree, &mut command)?;
-    if !built.success {
-        return Ok(Everything::Errors {
-            text: built.text,
-            mutants: built.mutants,
-            not_constant: built.not_constant,
-        });
-    }
-    Ok(Everything::Executables(built.executables))
+    run(tree, &mut command)
 }
 
 fn cargo(tree: &Tree) -> Command {
@@ -136,35 +120,22 @@ fn cargo(tree: &Tree) -> Command {
     command
 }
 
-/// What a run of cargo said.
-struct Said {
-    success: bool,
-    executables: BTreeMap<Target, PathBuf>,
-    text: String,
-    mutants: BTreeSet<u32>,
-    not_constant: BTreeSet<String>,
-}
-
-fn run(tree: &Tree, command: &mut Command) -> crate::Result<Said> {
+fn run(tree: &Tree, command: &mut Command) -> crate::Result<Built> {
     let output = command.output()?;
-    let mut said = Said {
-        success: output.status.success(),
-        executables: BTreeMap::new(),
-        text: String::new(),
-        mutants: BTreeSet::new(),
-        not_constant: BTreeSet::new(),
-    };
+    let mut executables = BTreeMap::new();
+    let (mut text, mut mutants, mut not_constant) =
+        (String::new(), BTreeSet::new(), BTreeSet::new());
     for line in String::from_utf8_lossy(&output.stdout).lines() {
         let Ok(message) = serde_json::from_str::<Message>(line) else {
             continue;
         };
         if let Some(error) = message.message.filter(|message| message.level == "error") {
-            said.text.push_str(&error.rendered);
+            text.push_str(&error.rendered);
             let places = error.spans.iter().filter(|span| span.is_primary);
-            said.mutants
+            mutants
                 .extend(places.filter_map(|span| tree.mutant_at(&span.file_name, span.line_start)));
             if error.code.is_some_and(|code| code.code == "E0015") {
-                said.not_constant.extend(called(&error.message));
+                not_constant.extend(called(&error.message));
             }
         }
         if message.reason == "compiler-artifact"
@@ -186,13 +157,20 @@ fn run(tree: &Tree, command: &mut Command) -> crate::Result<Said> {
                     source.name
                 },
             };
-            said.executables.insert(target, executable);
+            executables.insert(target, executable);
         }
     }
-    if said.text.is_empty() && !said.success {
-        said.text = String::from_utf8_lossy(&output.stderr).into_owned();
+    if output.status.success() {
+        return Ok(Built::Executables(executables));
     }
-    Ok(said)
+    if text.is_empty() {
+        text = String::from_utf8_lossy(&output.stderr).into_owned();
+    }
+    Ok(Built::Errors {
+        text,
+        mutants,
+        not_constant,
+    })
 }
 
 /// The name of the function in "cannot call non-const associated function `Words::<u8>::of::<u8>` in constants".
@@ -219,8 +197,6 @@ fn package(manifest: &Path) -> String {
         Some("sim") => "servocrab-sim",
         Some("attach") => "servocrab-attach",
         Some("tools") => "servocrab-cli",
-        // The crate that says which mutant is on.
-        Some("mutants") => "mutants",
         _ => "servocrab",
     };
     of.to_owned()

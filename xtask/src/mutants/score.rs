@@ -15,7 +15,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde::{Deserialize, Serialize};
 
 use super::REAL_TIME;
-use super::build::{self, Everything};
+use super::build::{self, Built};
 use super::judge::{Executable, Judged};
 use super::table::{Mutant, Target};
 use super::tree::{Place, Sources, Tree};
@@ -278,8 +278,8 @@ fn judge(root: &Path, left: &[&Named], args: &Args, results: &Results) -> crate:
         let apart = single.iter().map(|place| mutants[*place].number());
         tree.write(&sources, &without.iter().copied().chain(apart).collect())?;
         match build::everything(&tree, &args.suites)? {
-            Everything::Executables(executables) => break executables,
-            Everything::Errors {
+            Built::Executables(executables) => break executables,
+            Built::Errors {
                 text,
                 mutants: wrong,
                 not_constant,
@@ -355,8 +355,8 @@ fn judge(root: &Path, left: &[&Named], args: &Args, results: &Results) -> crate:
         let (mutant, begun) = (&mutants[place], Instant::now());
         tree.put(&sources, place)?;
         let verdict = match build::everything(&tree, &args.suites)? {
-            Everything::Executables(_) => suites.judge(mutant, true)?,
-            Everything::Errors { .. } => Verdict::Unviable,
+            Built::Executables(_) => suites.judge(mutant, true)?,
+            Built::Errors { .. } => Verdict::Unviable,
         };
         tree.take_out(&sources, place)?;
         println!("one by one: {verdict}  {}", mutant.id);
