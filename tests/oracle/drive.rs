@@ -177,6 +177,8 @@ pub struct Latch {
     pub end: Option<(u64, End)>,
     /// From where it begins to its end.
     pub way: f64,
+    /// From where the axis is when it is taken.
+    pub axis_way: f64,
     /// Whether the drive passes its end with an end velocity.
     pub passes: bool,
     /// How near the demand came to its end.
@@ -842,6 +844,7 @@ impl Drive {
             began: None,
             end: None,
             way: (goal - behind.map_or(self.demand, |behind| behind.goal)).abs(),
+            axis_way: (goal - self.position).abs(),
             passes: out.end_velocity != 0,
             nearest: (goal - self.demand).abs(),
             axis_nearest: f64::INFINITY,

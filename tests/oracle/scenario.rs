@@ -1568,10 +1568,11 @@ impl Scenario {
                 .latch
                 .is_some_and(|index| self.drive.ledger[index].relative);
         // It had no way, and while the drive was at it the axis swung beyond the window of its end: nothing shows of it. Nor does it where
-        // the drive has passed its end before the acknowledge shows.
+        // the axis passes its end before bit 12 is low again, which takes three of the drive's cycles.
         let out_of_window = issued.latch.is_some_and(|index| {
             let latch = &self.drive.ledger[index];
-            let short = latch.way <= 3.0 * self.window;
+            let in_a_cycle = f64::from(latch.velocity) * self.drive.making.tick;
+            let short = latch.way.min(latch.axis_way) <= 3.0 * self.window.max(in_a_cycle);
             (latch.way <= self.window && latch.axis_nearest > self.window)
                 || (latch.passes && short)
         });
