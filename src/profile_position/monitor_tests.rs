@@ -1565,6 +1565,40 @@ fn an_axis_has_passed_its_end_on_the_side_that_it_did_not_come_from() {
     }
 }
 
+/// A modulo axis is beyond every place of its turn: that it has gone through one shows only on the way there.
+#[test]
+fn an_end_in_motion_that_a_modulo_axis_may_have_passed_unacknowledged_is_not_missed() {
+    let ended = |turns: bool, at: i32, passes: bool| {
+        let mut command = command(Reference::Absolute, 1_000);
+        command.set_point.parameters.end_velocity = passes.then_some(500);
+        let scene = if turns { Scene::turning } else { Scene::at };
+        let raised = raised(1, command, Some(1_000));
+        let monitor = scene(at).shows(|cycle| SetPointMonitor::new(&raised, true, cycle));
+        monitor.missed(1_000, 1_500)
+    };
+    let (target, actual) = (1_000, 1_500);
+    let missed = Failure::MissedTarget { target, actual };
+    assert_eq!(ended(true, 11, true), Failure::Unseen { target, actual });
+    // It has not set off, it stops at its end, or it is an axis of which a place beyond shows enough.
+    assert_eq!(ended(true, 10, true), missed);
+    assert_eq!(ended(true, 11, false), missed);
+    assert_eq!(ended(false, 11, true), missed);
+}
+
+/// The drive may hold the one before it still, which has led the axis there.
+#[test]
+fn one_after_a_doubt_has_not_led_the_axis_away_from_its_end() {
+    let rest = |stood: i32, after_unseen: bool| {
+        at_rest(Some(2_000), |monitor| {
+            (monitor.stood, monitor.left_place) = (Some(stood), Some(ms(2_000)));
+            monitor.after_unseen = after_unseen;
+        })
+    };
+    assert_eq!(rest(1_900, true), None);
+    assert_eq!(rest(2_100, true), Some(Rest::BothOver));
+    assert_eq!(rest(1_900, false), Some(Rest::BothOver));
+}
+
 /// What is older than what it is compared with may be forgotten; what is not may not.
 #[test]
 fn a_rise_at_speed_is_remembered_for_the_settle_time() {

@@ -2098,6 +2098,9 @@ impl SetPointMonitor {
         monitor.before = cycle.sample.position;
         monitor.may_lead_round =
             monitor.turns && monitor.swings && monitor.remaining <= raised.lag(cycle);
+        // Of a modulo axis a place beyond the end does not show that it was there.
+        monitor.early |=
+            monitor.turns && monitor.ends_in_motion && !cycle.is_within_window_of(Some(begin));
         monitor
     }
 
@@ -2635,7 +2638,12 @@ impl SetPointMonitor {
         let resting = *self.resting.get_or_insert(cycle.now);
         let position = cycle.sample.position;
         let left = self.left_target && !self.after_unseen;
-        let moved = self.has_left_place(cycle) && self.rests_away(cycle);
+        let moved = self.has_left_place(cycle)
+            && self.rests_away(cycle)
+            && (!self.after_unseen
+                || self
+                    .stood
+                    .is_some_and(|stood| self.leads_from(stood, cycle)));
         // What is left of the motion before leads there as well, on a short way or where the axis had not come to that end.
         let own = !self.by_room || (!self.short && self.stood.is_some());
         let was_there = own && self.end.is_some() && self.end_seen(cycle) == EndSeen::There;
@@ -2681,6 +2689,12 @@ impl SetPointMonitor {
 
     fn has_left_place(&self, cycle: &Cycle<'_>) -> bool {
         self.stood.is_some() && !cycle.is_within_window_of(self.stood)
+    }
+
+    /// Whether it may have led the axis from `stood` to where that is: away from an absolute target leads a load alone, or one before it.
+    fn leads_from(&self, stood: i32, cycle: &Cycle<'_>) -> bool {
+        let apart = |from| self.end.map(|end| cycle.bounds.distance(end, from));
+        self.distance.is_some() || apart(cycle.sample.position) < apart(stood)
     }
 
     /// Whether the axis has come to rest since it left the place where it stood: what stayed around it before was still that.
@@ -2815,11 +2829,9 @@ impl SetPointMonitor {
         };
         let late = cycle.now.saturating_sub(since) >= cycle.begin;
         let rests = lingers || self.rests_away(cycle);
-        // Away from an absolute target leads a load alone.
-        let apart = |from| self.end.map(|end| cycle.bounds.distance(end, from));
-        let nearer = self.distance.is_some() || apart(position) < apart(stood);
+        let leads = self.leads_from(stood, cycle);
         let moved =
-            gone > window.saturating_add(slack) && nearer && rests && (!self.doubted || late);
+            gone > window.saturating_add(slack) && leads && rests && (!self.doubted || late);
         if moved || (self.left_target && !self.follows) {
             return match self.end {
                 _ if may_end_here => reached,
@@ -2897,6 +2909,8 @@ impl SetPointMonitor {
     const fn missed(&self, target: i32, actual: i32) -> Failure {
         if self.is_vague || (self.is_loose && !self.stood_before) {
             Failure::EndNotKnown { actual }
+        } else if self.early && self.ends_in_motion {
+            Failure::Unseen { target, actual }
         } else if self.confirmed {
             Failure::MissedTarget { target, actual }
         } else {
