@@ -2098,9 +2098,10 @@ impl SetPointMonitor {
         monitor.before = cycle.sample.position;
         monitor.may_lead_round =
             monitor.turns && monitor.swings && monitor.remaining <= raised.lag(cycle);
-        // Of a modulo axis a place beyond the end does not show that it was there.
-        monitor.early |=
-            monitor.turns && monitor.ends_in_motion && !cycle.is_within_window_of(Some(begin));
+        // On a modulo axis, and where it began beside its end, a place beyond that does not show that it was there.
+        monitor.early |= monitor.ends_in_motion
+            && (monitor.turns || monitor.short)
+            && !cycle.is_within_window_of(Some(begin));
         monitor
     }
 
