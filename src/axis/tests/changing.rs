@@ -848,6 +848,27 @@ fn a_mode_that_was_taken_back_is_waited_for_no_longer_because_of_a_second_change
     assert_eq!(drive.answer(Command::Move(absolute(50))), None);
 }
 
+/// The drive may show the first at any time, after a second that was given up as well: what it shows then is no answer to a third.
+#[test]
+fn a_mode_that_was_taken_back_is_not_selected_at_once_behind_a_second_change() {
+    let mut drive = Played::enabled(Played::config());
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows_for(3, REACHED);
+    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    // Something pushes the axis: another mode has to wait, and is given up.
+    drive.position += 15;
+    drive.shows(REACHED);
+    let other = drive.submit(Command::SelectMode(Mode::ProfileVelocity));
+    assert_eq!((drive.outcome(other), drive.outputs[6]), (None, 1));
+    assert!(drive.core.withdraw(other, &mut drive.outputs));
+    drive.shows_for(40, REACHED);
+    let again = drive.submit(TO_HOMING);
+    drive.shows_for(3, REACHED);
+    assert_eq!((drive.outcome(again), drive.outputs[6]), (None, 1));
+    drive.shows_for(40, REACHED);
+    assert_eq!((drive.outcome(again), drive.outputs[6]), (None, 6));
+}
+
 /// A mode that was written by SDO is in the drive still, whatever the axis has forgotten. One in the outputs is not.
 #[cfg(feature = "std")]
 #[test]
