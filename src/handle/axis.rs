@@ -594,10 +594,9 @@ pub(super) struct Lease {
 impl Lease {
     pub fn take(handles: &Handles) -> Result<Self, AxisError> {
         let shared = &handles.shared;
-        if shared.leased.swap(true, Ordering::AcqRel) {
+        if !shared.take_lease() {
             return Err(shared.error(AxisErrorKind::ModeInUse));
         }
-        shared.leases.fetch_add(1, Ordering::AcqRel);
         // Those of earlier leases: the axis is this one's.
         shared.release_jogs();
         shared.trace("mode leased");
@@ -609,7 +608,7 @@ impl Lease {
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        self.shared.leased.store(false, Ordering::Release);
+        self.shared.give_lease_back();
         self.shared.trace("mode lease given back");
     }
 }

@@ -7,7 +7,7 @@ use core::{
     task::{Context, Poll},
     time::Duration,
 };
-use std::sync::{Arc, atomic::Ordering};
+use std::sync::Arc;
 
 use crate::{
     axis::{Command, Completion, Failure, StopRequest},
@@ -126,7 +126,7 @@ impl<U: AxisUnit> ProfilePosition<U> {
         set_point: SetPoint<U>,
     ) -> MoveRequest<U> {
         MoveRequest {
-            lease: self.axis.handles.shared.leases.load(Ordering::Acquire),
+            lease: self.axis.handles.shared.lease(),
             axis: self.axis.clone(),
             command: MoveCommand {
                 reference,
@@ -185,7 +185,7 @@ impl<U: AxisUnit> MoveRequest<U> {
 #[derive(Debug)]
 pub(super) struct CountsRequest {
     pub handles: Arc<Handles>,
-    lease: u64,
+    pub lease: u64,
     unit: HandleUnit,
     command: Result<MoveCommand, AxisError>,
 }
@@ -214,15 +214,10 @@ impl CountsRequest {
     }
 
     /// A move is of one lease. Once that is given back the axis may be another's, or in another mode.
-    fn check_lease(&self) -> Result<(), AxisError> {
+    pub fn check_lease(&self) -> Result<(), AxisError> {
         let shared = &self.handles.shared;
-        if self.lease != shared.leases.load(Ordering::Acquire) {
-            Err(shared.error(AxisErrorKind::ModeInUse))
-        } else if shared.leased.load(Ordering::Acquire) {
-            Ok(())
-        } else {
-            Err(shared.error(AxisErrorKind::NotLeased))
-        }
+        let checked = shared.check_lease(self.lease);
+        checked.map_err(|kind| shared.error(kind))
     }
 
     /// Waits for the acknowledge.

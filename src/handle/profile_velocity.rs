@@ -1,6 +1,6 @@
 //! Profile Velocity as a lease of an axis: jogs are asked for here.
 
-use core::{marker::PhantomData, sync::atomic::Ordering};
+use core::marker::PhantomData;
 
 use crate::{
     axis::{Command, Failure, TARGET_VELOCITY},
@@ -126,7 +126,7 @@ impl<U: AxisUnit> ProfileVelocity<U> {
         by_sdo.write(&mut claim).await?;
         // From here on whatever drops it lets it go.
         let mut jog = Jog {
-            lease: handles.shared.leases.load(Ordering::Acquire),
+            lease: handles.shared.lease(),
             pending: self.axis.submit_motion(Command::Jog(set_point), asked)?,
             unit: PhantomData,
         };
@@ -235,7 +235,7 @@ impl<U: AxisUnit> Jog<U> {
 
     /// Whether the axis has been leased again since.
     fn is_of_earlier_lease(&self) -> bool {
-        self.lease != self.pending.handles.shared.leases.load(Ordering::Acquire)
+        self.pending.handles.shared.is_leased_again(self.lease)
     }
 
     /// Why the jog has ended, if something ended it. Nothing is waited for.

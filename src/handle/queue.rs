@@ -59,10 +59,8 @@ pub(super) struct Shared {
     waiters: Arc<Waiters>,
     /// How often a snapshot has shown something new.
     pub changes: AtomicU64,
-    /// Whether a mode is leased.
-    pub leased: AtomicBool,
-    /// How many leases there were.
-    pub leases: AtomicU64,
+    /// How often a mode was leased, or given back: odd while one is leased, and then the number of that lease.
+    lease: AtomicU64,
     /// How often the drive was brought up, or led back, with what it held at the first start.
     starts: AtomicU64,
     /// Whether anything of what follows was stored since the bus thread looked: all that it has to look at in a cycle.
@@ -99,8 +97,7 @@ impl Shared {
             status: StatusCell::new(&core.snapshot(), setup.layout.input_bytes()),
             waiters: setup.groups.signals.waiters(),
             changes: AtomicU64::new(0),
-            leased: AtomicBool::new(false),
-            leases: AtomicU64::new(0),
+            lease: AtomicU64::new(0),
             starts: AtomicU64::new(0),
             asked: AtomicBool::new(false),
             queue: ArrayQueue::new(QUEUED_AT_MOST),
@@ -141,11 +138,48 @@ impl Shared {
         self.closed.load(Ordering::Acquire)
     }
 
+    /// Leases a mode; false while one is leased.
+    pub fn take_lease(&self) -> bool {
+        let next = |lease: u64| (!is_leased(lease)).then(|| lease.wrapping_add(1));
+        let taken = self
+            .lease
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, next);
+        taken.is_ok()
+    }
+
+    /// The lease is given back.
+    pub fn give_lease_back(&self) {
+        self.lease.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// The number of the lease, to whoever has it.
+    pub fn lease(&self) -> u64 {
+        self.lease.load(Ordering::Acquire)
+    }
+
+    /// What is asked for by this lease belongs to nobody once it was given back.
+    pub fn check_lease(&self, lease: u64) -> Result<(), AxisErrorKind> {
+        match self.lease() {
+            now if now == lease => Ok(()),
+            now if is_leased(now) => Err(AxisErrorKind::ModeInUse),
+            _ => Err(AxisErrorKind::NotLeased),
+        }
+    }
+
+    /// Whether the axis was leased again after this lease.
+    pub fn is_leased_again(&self, lease: u64) -> bool {
+        self.lease() > lease.wrapping_add(1)
+    }
+
     /// The latest snapshot.
     pub fn snapshot(&self) -> Snapshot {
         self.status
             .snapshot_after(self.setup.groups.signals.cycles())
     }
+}
+
+const fn is_leased(lease: u64) -> bool {
+    lease % 2 == 1
 }
 
 /// What the program has learnt of its drive, for the bus thread: the last one counts.

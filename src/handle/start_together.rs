@@ -59,6 +59,8 @@ struct Group {
 struct GroupMember {
     axis: usize,
     id: CommandId,
+    /// The lease that it is of.
+    lease: u64,
     shared: Arc<Shared>,
 }
 
@@ -164,7 +166,11 @@ impl Group {
     /// Whether there is nothing more to do for it.
     fn advance(&self, now: Duration, axes: &mut impl AxisSet) -> bool {
         let is_done = |member: &GroupMember| member.shared.is_done(member.id);
-        if self.members.iter().any(is_done) {
+        // Its axis is nobody's, or another's, once its lease was given back.
+        let is_over = |member: &GroupMember| {
+            is_done(member) || member.shared.check_lease(member.lease).is_err()
+        };
+        if self.members.iter().any(is_over) {
             self.withdraw(axes);
             // One that was asked for when this cycle had looked at its axis is not taken yet.
             return self.members.iter().all(is_done);
@@ -281,7 +287,7 @@ mod sealed {
 /// Starts moves of several axes of one network in one cycle (and one frame, where their drives share it): every bit 4 rises, or none
 /// does. Resolves when all drives have acknowledged. Of no moves it does nothing, and is no error.
 ///
-/// Dropped before the bits rose, nothing is started.
+/// Dropped before the bits rose, nothing is started. Nor is it where the lease of one of the moves was given back before that.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -381,6 +387,10 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
     let own = errors
         .iter()
         .position(|error| error.failure() != Some(Failure::Withdrawn));
+    if own.is_none() {
+        // A lease was given back, which none of them can say.
+        requests.iter().try_for_each(CountsRequest::check_lease)?;
+    }
     let error = errors.swap_remove(own.unwrap_or(0));
     if !group.fired.load(Ordering::Acquire) {
         return Err(error);
@@ -429,6 +439,7 @@ fn submit(
         members.push(GroupMember {
             axis: shared.setup.index,
             id: submitted.id,
+            lease: request.lease,
             shared: Arc::clone(shared),
         });
         pending.push(submitted);

@@ -187,7 +187,7 @@ fn no_move_starts_after_a_mode_that_was_written_by_sdo_was_given_up() {
     assert_eq!(machine.drive().get(0x6061, 0), Some(6));
     let refused = machine.finish(start_together([kept])).unwrap_err();
     assert!(
-        matches!(refused.kind, AxisErrorKind::ModeInUse),
+        matches!(refused.kind, AxisErrorKind::NotLeased),
         "{refused:?}"
     );
     machine.run(100);

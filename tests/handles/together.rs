@@ -14,7 +14,7 @@ use std::{
 use servocrab::{
     axis::{AxisError, AxisErrorKind, Delivery, Failure, start_together},
     profile_position::{
-        Limits, MoveRequest, PositionRange, ProfilePosition, RelativeBase, SetPoint,
+        BufferMode, Limits, MoveRequest, PositionRange, ProfilePosition, RelativeBase, SetPoint,
     },
     units::{Mm, Ratio, Scale},
 };
@@ -225,6 +225,51 @@ fn none_starts_when_the_future_is_dropped_before_the_frame() {
     // Nothing of it is left in the way.
     let moved = machine.finish(pp[0].move_abs(5, SetPoint::new())).unwrap();
     machine.finish(moved.done()).unwrap();
+}
+
+/// One of them waits for the drive of another axis. Its axis is somebody else's by then, or nobody's.
+#[test]
+fn none_starts_once_the_lease_of_one_is_given_back() {
+    for leased_again in [false, true] {
+        let (mut machine, mut pp) = machine(2);
+        let y = pp.remove(1);
+        let x = pp.remove(0);
+        // A third one waits until the first is over.
+        let slow = SetPoint::new()
+            .velocity(20_000)
+            .buffer_mode(BufferMode::Buffered);
+        for target in [10_000, 15_000] {
+            let _on_its_way = machine.finish(y.move_abs(target, slow)).unwrap();
+        }
+        let requests = [x.abs(5_000, SetPoint::new()), y.abs(0, slow)];
+        let mut together = Task::new(start_together(requests));
+        assert!(together.poll().is_none());
+        machine.run(50);
+        assert!(rises(&machine, 0).is_empty(), "it waits for the other axis");
+
+        let axis = x.axis().clone();
+        drop(x);
+        let again = leased_again.then(|| machine.finish(axis.profile_position()).unwrap());
+        machine.run(3_000);
+        assert!(rises(&machine, 0).is_empty(), "nobody has asked for this");
+        assert_eq!(rises(&machine, 1).len(), 2);
+        let error = together.poll().unwrap().unwrap_err();
+        let is_told = match error.kind {
+            AxisErrorKind::ModeInUse => leased_again,
+            AxisErrorKind::NotLeased => !leased_again,
+            _ => false,
+        };
+        assert!(is_told, "{error}");
+        assert_eq!(error.identity.axis, "axis0");
+        drop(again);
+        // Nothing of it is left in the way.
+        let x = machine.finish(axis.profile_position()).unwrap();
+        let requests = [x.abs(5_000, SetPoint::new()), y.abs(0, slow)];
+        let moves = machine.finish(start_together(requests)).unwrap();
+        for moved in &moves {
+            machine.finish(moved.done()).unwrap();
+        }
+    }
 }
 
 #[test]
