@@ -313,7 +313,8 @@ impl<U: AxisUnit> Axis<U> {
 
     /// Pauses by bit 8, keeping the set-point; resolves at standstill. [`resume`](Self::resume) goes on.
     ///
-    /// Once asked for it is completed, also when the future is dropped.
+    /// Once asked for it is completed, also when the future is dropped. Then what is an error below is a quick stop: of an axis that does
+    /// not get slower at bit 8, and where 605Dh is 0.
     ///
     /// # Errors
     /// [`HaltCoasts`](crate::axis::Failure::HaltCoasts) where 605Dh is 0: nothing was sent, and the axis moves on. Call [`stop`](Self::stop).

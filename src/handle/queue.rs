@@ -461,6 +461,8 @@ struct Slot {
     demand: AtomicU64,
     /// How often a stop is in the queue.
     queued: AtomicU8,
+    /// How many wait for a stop.
+    waiting: AtomicUsize,
     pub result: ArrayQueue<Result<Completion, Failure>>,
 }
 
@@ -534,6 +536,7 @@ impl Slots {
     pub fn open_stop(&self, place: u8) -> Option<(CommandId, &Slot)> {
         let (id, slot) = self.renew(SHARED + place)?;
         slot.queued.store(1, Ordering::Release);
+        slot.waiting.store(1, Ordering::Release);
         Some((id, slot))
     }
 
@@ -595,6 +598,7 @@ impl Slot {
             halts: AtomicU32::new(0),
             demand: AtomicU64::new(0),
             queued: AtomicU8::new(0),
+            waiting: AtomicUsize::new(0),
             result: ArrayQueue::new(1),
         }
     }
@@ -659,6 +663,11 @@ impl Slot {
             Ok(_) => Joined::Queue,
             Err(_) => Joined::Over,
         }
+    }
+
+    /// Whether nobody is left who waits for a stop.
+    pub fn is_nobodys(&self) -> bool {
+        self.waiting.load(Ordering::Acquire) == 0
     }
 
     /// A stop was taken from the queue once. False where it is over, and the next one may have the slot at any time.
@@ -858,6 +867,8 @@ impl Shared {
                         // Before it is joined: it is taken in with what is in the queue by now.
                         self.request_stop(lane(command));
                     }
+                    // Before it is joined, too: from then on it may be over.
+                    slot.waiting.fetch_add(1, Ordering::AcqRel);
                     slot.join()
                 });
                 match joined {
@@ -923,8 +934,12 @@ impl Shared {
         if kept.result.is_none()
             && let Some(slot) = self.slots.of(ticket.id)
         {
-            self.slots
-                .mark_last(slot, ticket.id, mark::LEFT, mark::DONE);
+            if Slots::is_stop(ticket.id) {
+                slot.waiting.fetch_sub(1, Ordering::AcqRel);
+            } else {
+                self.slots
+                    .mark_last(slot, ticket.id, mark::LEFT, mark::DONE);
+            }
         }
     }
 
@@ -1403,8 +1418,16 @@ impl Shared {
                 if !Slots::is_stop(id) {
                     slot.result.force_push(result);
                     self.slots.mark_last(slot, id, mark::DONE, mark::LEFT);
-                } else if !slot.ends(result) {
-                    return;
+                } else {
+                    let is_told = !slot.is_nobodys();
+                    if !slot.ends(result) {
+                        return;
+                    }
+                    if !is_told && matches!(result, Err(Failure::HaltIgnored | Failure::HaltCoasts))
+                    {
+                        // As of every halt that nobody waits for: it goes on to the quick stop.
+                        self.request_stop(StopRequest::HALT);
+                    }
                 }
                 if taken {
                     self.counts.ended(&result);

@@ -22,6 +22,7 @@ use servocrab::{
     },
     coe::{AbortCode, AnyObject, AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj},
     drives,
+    ds402::StopOptions,
     pdo_map::{Direction, Layout, Mapping},
     profile_position::{Limits, Outcome, Parameters, Traits},
     units::AxisScale,
@@ -73,6 +74,7 @@ pub(crate) struct Variant {
     pub(crate) limits: Limits,
     pub(crate) referencing: Referencing,
     pub(crate) scale: AxisScale,
+    pub(crate) stop_options: StopOptions,
 }
 
 impl Default for Variant {
@@ -85,6 +87,7 @@ impl Default for Variant {
             limits: Limits::trust_drive(),
             referencing: Referencing::AbsoluteEncoder,
             scale: AxisScale::COUNTS,
+            stop_options: StopOptions::default(),
         }
     }
 }
@@ -320,6 +323,7 @@ impl Station {
         config.referencing = variant.referencing;
         config.traits = variant.traits;
         config.limits = variant.limits;
+        config.stop_options = variant.stop_options;
         config.defaults = Parameters {
             velocity: Some(50_000),
             acceleration: Some(500_000),

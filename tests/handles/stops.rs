@@ -3,7 +3,7 @@
 use servocrab::{
     axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure},
     coe::{AnyObject, obj},
-    ds402::State,
+    ds402::{State, StopOptions},
     profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::ds402;
@@ -646,4 +646,76 @@ fn two_stops_that_fail_in_one_cycle_both_end() {
             );
         }
     }
+}
+
+/// By a move of 600 000 counts.
+fn on_its_way(machine: &mut Machine, axis: &Axis) {
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let far = SetPoint::new().velocity(10_000);
+    let _moved = machine.finish(pp.move_abs(600_000, far)).unwrap();
+    machine.run(200);
+    assert!(machine.goes_at(10_000.0));
+}
+
+fn is_quick_stopped(machine: &Machine) -> bool {
+    let words = &machine.stations[0].words;
+    words
+        .iter()
+        .rev()
+        .take(500)
+        .any(|word| word & 0x0006 == 0x0002)
+}
+
+/// Nobody is left who could be told that the halt does not stop the axis.
+#[test]
+fn a_halt_whose_future_was_dropped_stops_an_axis_whose_drive_ignores_bit_8() {
+    for cycles in [0, 1, 50, 190] {
+        let (mut machine, axis) = Machine::enabled();
+        on_its_way(&mut machine, &axis);
+        machine.drive().disturbances().deaf_to_halt = true;
+        let mut halts = [Task::new(axis.halt()), Task::new(axis.halt())];
+        assert!(halts.iter_mut().all(|halt| halt.poll().is_none()));
+        machine.run(cycles);
+        drop(halts);
+        machine.run(500);
+        assert!(
+            is_quick_stopped(&machine) && machine.stands(),
+            "after {cycles} cycles"
+        );
+    }
+}
+
+#[test]
+fn a_halt_whose_future_was_dropped_stops_an_axis_that_would_coast_at_bit_8() {
+    let variant = Variant {
+        stop_options: StopOptions {
+            halt: Some(0),
+            ..StopOptions::default()
+        },
+        ..Variant::default()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    on_its_way(&mut machine, &axis);
+    let mut halt = Task::new(axis.halt());
+    assert!(halt.poll().is_none());
+    drop(halt);
+    machine.run(500);
+    assert!(is_quick_stopped(&machine) && machine.stands());
+}
+
+/// It decides what comes next, whoever else has given up.
+#[test]
+fn who_still_waits_for_a_halt_is_told_that_the_drive_ignores_bit_8() {
+    let (mut machine, axis) = Machine::enabled();
+    on_its_way(&mut machine, &axis);
+    machine.drive().disturbances().deaf_to_halt = true;
+    let mut halts = [Task::new(axis.halt()), Task::new(axis.halt())];
+    assert!(halts.iter_mut().all(|halt| halt.poll().is_none()));
+    let [dropped, mut kept] = halts;
+    drop(dropped);
+    let error = machine.finish_task(&mut kept).unwrap_err();
+    assert_eq!(error.failure(), Some(Failure::HaltIgnored));
+    machine.run(300);
+    assert!(!is_quick_stopped(&machine) && machine.goes_at(10_000.0));
+    machine.finish(axis.stop()).unwrap();
 }
