@@ -362,7 +362,8 @@ impl BySdo {
         object: Object<u32, A>,
         name: &'static str,
     ) {
-        if !mapped && *value == Some(0) {
+        // A mapped one as well: what is refused for it must not have written the others.
+        if *value == Some(0) {
             self.zero = Some(name);
         }
         self.other(mapped, value, object);

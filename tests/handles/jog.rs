@@ -496,3 +496,25 @@ fn a_jog_that_has_come_to_rest_at_0_is_released_by_an_axis_that_shows_nothing_ne
     });
     released.expect("an end").unwrap();
 }
+
+/// It comes to rest by its own ramp, which goes by SDO.
+#[test]
+fn a_jog_that_is_refused_for_a_mapped_ramp_of_zero_has_written_no_other_one() {
+    let variant = Variant {
+        not_mapped: vec![0x6084],
+        mapped_too: vec![obj::TARGET_VELOCITY.into()],
+        ..Variant::default()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let jog = machine.finish(pv.jog(20_000)).unwrap();
+    machine.run(200);
+    let mut release = Task::new(jog.release());
+    assert!(release.poll().is_none());
+    let refused = JogSetPoint::new(20_000).acceleration(0).deceleration(10);
+    let error = machine.finish(pv.jog(refused)).unwrap_err();
+    let zero = Failure::Zero("profile acceleration 6083h");
+    assert_eq!(error.failure(), Some(zero));
+    machine.finish_task(&mut release).unwrap();
+    assert!(machine.stations[0].sdo.written.lock().unwrap().is_empty());
+}
