@@ -64,8 +64,8 @@ pub struct Attach {
 }
 
 impl Attach {
-    /// On the socket of this network interface: `NAME.sock` in [`directory`](Self::directory). Up to 32 clients at a time, and five
-    /// seconds for the header of a request.
+    /// On the socket of this network interface: `NAME.sock` in [`directory`](Self::directory). Up to 32 clients of each socket at a time,
+    /// and five seconds for the header of a request.
     #[must_use]
     pub fn new(interface: &str) -> Self {
         Self {
@@ -101,7 +101,7 @@ impl Attach {
         self
     }
 
-    /// How many clients may be connected at a time; the connections of others are closed.
+    /// How many clients may be connected at a time, to the Unix socket and to the port each; the connections of others are closed.
     #[must_use]
     pub const fn clients(mut self, clients: usize) -> Self {
         self.clients = clients;

@@ -236,7 +236,8 @@ fn start(
         .enable_all()
         .build()
         .map_err(failed)?;
-    let limits = Limits {
+    // Each socket has places of its own: anybody on this computer can connect to the port, and take those there without the token.
+    let limits = || Limits {
         places: Arc::new(Semaphore::new(clients)),
         clients,
         header: header_timeout,
@@ -259,11 +260,11 @@ fn start(
             };
             let gate = from_fn_with_state(gate, gate::check);
             let router = router.clone().merge(page::router()).layer(gate);
-            runtime.spawn(accept(listener, router, limits.clone()));
+            runtime.spawn(accept(listener, router, limits()));
         }
         if let Some(listener) = unix {
             let listener = UnixListener::from_std(listener).map_err(failed)?;
-            runtime.spawn(accept(listener, router, limits));
+            runtime.spawn(accept(listener, router, limits()));
         }
     }
     let (end, ended) = oneshot::channel::<()>();

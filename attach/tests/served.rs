@@ -4,6 +4,7 @@
 use std::{
     collections::BTreeMap,
     io::{ErrorKind, Read, Write},
+    net::TcpStream,
     os::unix::{fs::PermissionsExt, net::UnixStream},
     path::Path,
     sync::{Arc, Mutex},
@@ -466,6 +467,31 @@ fn more_clients_than_there_are_places_are_closed_until_one_leaves() {
         asked.is_ok() && stream.read_exact(&mut answer).is_ok() && answer.ends_with(b"200")
     });
     assert!(answered);
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+#[test]
+fn who_fills_the_port_without_the_token_keeps_nobody_from_the_unix_socket() {
+    let net = machine();
+    let (_runtime, attached) = shown(&net, |attach| {
+        let patience = Duration::from_secs(60);
+        attach.clients(4).header_timeout(patience).loopback(0)
+    });
+    let panel = attached.panel().unwrap();
+    let address = panel.strip_prefix("http://").unwrap();
+    let address = address.split_once('/').unwrap().0;
+    // None of them says anything, and four of them are kept.
+    let held: Vec<_> = (0..12)
+        .map(|_| TcpStream::connect(address).unwrap())
+        .collect();
+    for refused in &held[4..] {
+        refused
+            .set_read_timeout(Some(Duration::from_secs(10)))
+            .unwrap();
+        assert_eq!((&*refused).read(&mut [0]).unwrap(), 0, "closed");
+    }
+    assert_eq!(ask(attached.socket(), "POST /v1/axes/x/stop").0, 202);
+    drop(held);
     smol::block_on(net.shutdown()).unwrap();
 }
 
