@@ -2,7 +2,7 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::{Arc, OnceLock},
 };
 
 use axum::{
@@ -10,7 +10,7 @@ use axum::{
     body::Body,
     extract::{Request, State},
     http::{
-        HeaderValue, StatusCode,
+        HeaderName, HeaderValue, StatusCode,
         header::{HOST, ORIGIN, UPGRADE},
     },
     response::{IntoResponse, Response},
@@ -21,22 +21,36 @@ use tokio::{io::copy_bidirectional, net::UnixStream};
 
 use crate::{log::Log, refusal::Refusal, server::Place};
 
+/// By which start of a server an answer was given, or is to be: a request for another start is refused. A page that has asked one program
+/// for axes and units is not to move those of the next one, to which its numbers may be other distances.
+pub(crate) const START: HeaderName = HeaderName::from_static("servocrab-start");
+
+/// The program that has the network.
+struct Shower {
+    socket: PathBuf,
+    /// Of the first answer.
+    start: OnceLock<HeaderValue>,
+    log: Log,
+}
+
 pub(crate) fn router(socket: &Path, log: Log) -> Router {
-    Router::new()
-        .fallback(pass_on)
-        .with_state(Arc::new((socket.to_owned(), log)))
+    Router::new().fallback(pass_on).with_state(Arc::new(Shower {
+        socket: socket.to_owned(),
+        start: OnceLock::new(),
+        log,
+    }))
 }
 
 async fn pass_on(
-    State(state): State<Arc<(PathBuf, Log)>>,
+    State(shower): State<Arc<Shower>>,
     Extension(place): Extension<Place>,
     request: Request,
 ) -> Response {
-    let (socket, log) = &*state;
-    match answer(socket, place, request).await {
+    match answer(&shower, place, request).await {
         Ok(response) => response,
         Err(error) => {
-            log.warn(format_args!("{}: {error}", socket.display()));
+            let socket = shower.socket.display();
+            shower.log.warn(format_args!("{socket}: {error}"));
             let text = format!("the program that has the network does not answer: {error}");
             Refusal::new(StatusCode::BAD_GATEWAY, "no_program", text).into_response()
         }
@@ -44,11 +58,11 @@ async fn pass_on(
 }
 
 async fn answer(
-    socket: &Path,
+    shower: &Shower,
     place: Place,
     mut request: Request,
 ) -> Result<Response, Box<dyn std::error::Error + Send + Sync>> {
-    let stream = UnixStream::connect(socket).await?;
+    let stream = UnixStream::connect(&shower.socket).await?;
     let (mut program, connection) = http1::handshake(TokioIo::new(stream)).await?;
     // Its end is that of the answer.
     tokio::spawn(connection.with_upgrades());
@@ -57,11 +71,17 @@ async fn answer(
     request
         .headers_mut()
         .insert(HOST, HeaderValue::from_static("localhost"));
+    if let Some(start) = shower.start.get() {
+        request.headers_mut().insert(START, start.clone());
+    }
     let client = request
         .headers()
         .contains_key(UPGRADE)
         .then(|| upgrade::on(&mut request));
     let mut response = program.send_request(request).await?;
+    if let Some(start) = response.headers().get(START) {
+        shower.start.get_or_init(|| start.clone());
+    }
     if response.status() == StatusCode::SWITCHING_PROTOCOLS
         && let Some(client) = client
     {

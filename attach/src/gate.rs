@@ -5,7 +5,7 @@ use std::{io, sync::Arc};
 use axum::{
     extract::{Request, State},
     http::{
-        HeaderMap, StatusCode,
+        HeaderMap, HeaderValue, StatusCode,
         header::{AUTHORIZATION, HOST, HeaderName, ORIGIN, SEC_WEBSOCKET_PROTOCOL},
     },
     middleware::Next,
@@ -35,6 +35,12 @@ impl Token {
 
     pub fn text(&self) -> &str {
         &self.0
+    }
+
+    /// As the value of a header.
+    pub fn value(&self) -> HeaderValue {
+        // Hexadecimal digits are such a value.
+        HeaderValue::from_str(&self.0).unwrap_or(HeaderValue::from_static(""))
     }
 
     /// Whether this is the token; it takes as long for every text of its length.
@@ -104,8 +110,6 @@ pub(crate) async fn check(State(gate): State<Gate>, mut request: Request, next: 
 
 #[cfg(test)]
 mod tests {
-    use axum::http::HeaderValue;
-
     use super::*;
 
     #[test]

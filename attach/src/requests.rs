@@ -4,8 +4,11 @@ use std::{collections::HashMap, time::Duration};
 
 use axum::{
     Extension, Json, Router,
-    extract::{DefaultBodyLimit, Path, Query, RawQuery, State, WebSocketUpgrade, ws::WebSocket},
-    http::{StatusCode, header::CONTENT_TYPE},
+    extract::{
+        DefaultBodyLimit, Path, Query, RawQuery, Request, State, WebSocketUpgrade, ws::WebSocket,
+    },
+    http::{HeaderValue, StatusCode, header::CONTENT_TYPE},
+    middleware::{Next, from_fn_with_state},
     response::{IntoResponse, Response},
     routing::{get, post},
 };
@@ -17,7 +20,9 @@ use servocrab::{
 };
 
 use crate::{
-    commands, control, metrics, objects,
+    commands, control,
+    forward::START,
+    metrics, objects,
     refusal::Refusal,
     server::{Client, Place},
     shown::Shown,
@@ -29,7 +34,8 @@ const BODY: usize = 64 * 1024;
 /// Bytes of a message of a client.
 const MESSAGE: usize = 4096;
 
-pub(crate) fn router(shown: Shown) -> Router {
+/// `start` names this start of the server.
+pub(crate) fn router(shown: Shown, start: HeaderValue) -> Router {
     Router::new()
         .route("/v1/line", get(line))
         .route("/v1/axes", get(axes))
@@ -49,12 +55,14 @@ pub(crate) fn router(shown: Shown) -> Router {
         .route("/v1/stream", get(stream))
         .route("/v1/control", get(control))
         .route("/v1/axes/{name}/limits", get(objects::limits))
-        .route("/v1/axes/{name}/stop", post(stop))
         .route("/v1/axes/{name}/enable", post(commands::enable))
         .route("/v1/axes/{name}/disable", post(commands::disable))
         .route("/v1/axes/{name}/reset_fault", post(commands::reset_fault))
         .route("/v1/axes/{name}/move", post(commands::move_axis))
         .route("/v1/axes/{name}/home", post(commands::home))
+        .route_layer(from_fn_with_state(start, of_this_start))
+        // Whoever asks for a stop gets it.
+        .route("/v1/axes/{name}/stop", post(stop))
         .route("/v1/quick_stop", post(quick_stop))
         .fallback(async || Refusal::new(StatusCode::NOT_FOUND, "no_such_request", NO_REQUEST))
         .method_not_allowed_fallback(async || {
@@ -71,6 +79,23 @@ pub(crate) fn router(shown: Shown) -> Router {
 const NO_REQUEST: &str = "there is no such request: /v1/line, /v1/axes, /v1/ios, /v1/statistics, /v1/grants, /v1/events, /v1/emergencies, \
                           /v1/events/NUMBER/black_box, /v1/od/DRIVE, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/od/DRIVE/information, /v1/stream, /v1/control, /metrics; by POST \
                           /v1/axes/NAME/stop, enable, disable, reset_fault, move and home, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/quick_stop";
+
+/// Refuses what is asked of another start, and says which one this is.
+async fn of_this_start(State(start): State<HeaderValue>, request: Request, next: Next) -> Response {
+    let asked = request.headers().get(START);
+    if asked.is_some_and(|asked| *asked != start) {
+        return Refusal::new(
+            StatusCode::CONFLICT,
+            "another_start",
+            "the program that was shown here has ended, and another one has the network, perhaps with other axes and units: start the \
+             panel again",
+        )
+        .into_response();
+    }
+    let mut response = next.run(request).await;
+    response.headers_mut().insert(START, start);
+    response
+}
 
 async fn line(State(shown): State<Shown>) -> Json<Value> {
     let drives = shown.view.drives().map(|sdo| {

@@ -149,7 +149,11 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
     let granted = Granted::of(net, &attach.grants)?;
     let (asks, asked) = mpsc::channel(QUESTIONS);
     let log = Log::default();
-    let router = requests::router(Shown {
+    let this_start = Token::new().map_err(|error| AttachError::Io {
+        path: PathBuf::from(&attach.name),
+        error,
+    })?;
+    let shown = Shown {
         view: net.view(),
         transfers: Arc::new(Semaphore::new(1)),
         granted: Arc::new(granted),
@@ -158,7 +162,8 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
         dictionaries: Arc::default(),
         led: Arc::default(),
         log: log.clone(),
-    });
+    };
+    let router = requests::router(shown, this_start.value());
     let socket = socket(&attach)?;
     let at_socket = |error| AttachError::Io {
         path: socket.clone(),
@@ -190,7 +195,8 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
 }
 
 /// Shows, on a port of the loopback interface, the network that another program shows on this Unix socket: with a token of its own. For
-/// the panel of a program that opens no port itself.
+/// the panel of a program that opens no port itself. Once that program has ended, the next one that shows a network there refuses what comes
+/// this way.
 ///
 /// # Errors
 /// [`AttachError::Io`] where nobody answers at the socket, or the port cannot be had.

@@ -673,6 +673,53 @@ fn a_signal_whose_name_has_a_comma_is_streamed() {
 }
 
 #[test]
+fn the_panel_of_a_program_that_has_ended_stops_the_axes_of_the_next_one_and_does_nothing_else() {
+    let runtime = tempfile::tempdir().unwrap();
+    let shown = |net: &Network| {
+        let attach = Attach::new("sim0").directory(runtime.path().join("servocrab"));
+        serve(net, attach.grant(motion())).unwrap()
+    };
+    let (first, _segment) = machine();
+    let attached = shown(&first);
+    let forwarded = forward(attached.socket(), 0).unwrap();
+    let (address, token) = address(forwarded.panel());
+    let asked = |request: &str, body: &str| {
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(TIME)).unwrap();
+        let length = body.len();
+        let request = format!(
+            "{request} HTTP/1.1\r\nHost: {address}\r\nAuthorization: Bearer {token}\r\nConnection: close\r\n\
+             Content-Length: {length}\r\n\r\n{body}"
+        );
+        let (status, body) = exchange(stream, &request);
+        let answer: Value = serde_json::from_str(&body).unwrap();
+        (status, answer)
+    };
+    assert_eq!(asked("GET /v1/axes", "").1[0]["unit"], "mm");
+    assert_eq!(asked("GET /v1/axes", "").0, 200, "and again");
+    drop(attached);
+    smol::block_on(first.shutdown()).unwrap();
+
+    // Its `x` could be in metres.
+    let (second, _segment) = machine();
+    let attached = shown(&second);
+    let x = enabled(&second);
+    let before = x.status().position;
+    let by = json!({"by": 1.0, "velocity": 10.0}).to_string();
+    for (request, body) in [("POST /v1/axes/x/move", &*by), ("GET /v1/axes", "")] {
+        let (status, answer) = asked(request, body);
+        assert_eq!((status, code(&answer)), (409, "another_start"), "{request}");
+    }
+    assert!((x.status().position - before).abs() < 500, "it has moved");
+    assert_eq!(asked("POST /v1/axes/x/stop", "").0, 202);
+    assert_eq!(asked("POST /v1/quick_stop", "").0, 202);
+    // Another panel is of this one.
+    let again = forward(attached.socket(), 0).unwrap();
+    assert_ne!(again.panel(), forwarded.panel());
+    smol::block_on(second.shutdown()).unwrap();
+}
+
+#[test]
 fn over_tcp_the_page_is_for_everybody_and_the_machine_for_who_has_the_token() {
     let (net, _segment) = machine();
     let (_runtime, attached) = shown(&net, &[jog()]);
