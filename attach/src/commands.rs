@@ -12,7 +12,7 @@ use axum::{
 use serde::Deserialize;
 use serde_json::{Value, json};
 use servocrab::{
-    AxisError, SetPoint,
+    AxisError, BufferMode, SetPoint,
     homing::{HomingMethod, HomingParameters},
 };
 use tokio::time::timeout;
@@ -156,7 +156,12 @@ pub(crate) async fn move_axis(
     let work = async move {
         let lease = granted.axis.profile_position().await?;
         let _led = of_work.led(&name);
-        let set_point = SetPoint::new().velocity(velocity);
+        // Some drives can replace no move. One of the program, whose lease is gone, is replaced.
+        let buffer_mode = match granted.axis.status().has_set_point {
+            true => BufferMode::Aborting,
+            false => BufferMode::Buffered,
+        };
+        let set_point = SetPoint::new().velocity(velocity).buffer_mode(buffer_mode);
         let begun = match is_relative {
             true => lease.move_rel(value, set_point).await,
             false => lease.move_abs(value, set_point).await,

@@ -468,6 +468,26 @@ fn an_axis_is_moved_to_a_position_in_its_unit_and_the_outcome_is_the_answer() {
     smol::block_on(net.shutdown()).unwrap();
 }
 
+/// The AX2000 ends each set-point before the next one.
+#[test]
+fn an_axis_whose_drive_can_replace_no_move_is_moved_from_standstill() {
+    let mut segment = Segment::new().with(personality::ax2000());
+    let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    let builder = Network::builder()
+        .link(wire)
+        .watchdog(Duration::from_secs(5))
+        .drive(0, DriveConfig::new(drives::ax2000()).axis("x"));
+    let net = smol::block_on(builder.start()).unwrap();
+    let (_runtime, attached) = shown(&net, &[motion()]);
+    enabled(&net);
+    let by = json!({"by": 500, "velocity": 5000}).to_string();
+    for _ in 0..2 {
+        let (status, answer) = ask(&attached, "POST /v1/axes/x/move", &by);
+        assert_eq!((status, &answer["done"]), (200, &true.into()), "{answer}");
+    }
+    smol::block_on(net.shutdown()).unwrap();
+}
+
 #[test]
 fn objects_are_written_but_for_those_of_the_process_data_and_of_the_library() {
     let (net, segment) = machine();

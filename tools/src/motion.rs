@@ -5,8 +5,8 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::{Value, json};
 use servocrab::{
-    Axis, AxisConfig, DriveConfig, HomingMethod, HomingParameters, Network, Referencing, SetPoint,
-    coe::obj, profile_velocity::JogSetPoint,
+    Axis, AxisConfig, BufferMode, DriveConfig, HomingMethod, HomingParameters, Network,
+    Referencing, SetPoint, coe::obj, profile_velocity::JogSetPoint,
 };
 
 use crate::{
@@ -168,7 +168,10 @@ pub(crate) async fn move_axis(tool: &Tool, arguments: &Move) -> Done {
     let config = |axis: AxisConfig| axis.referencing(referencing);
     run(tool, &arguments.axis, &what, config, async |_, axis| {
         let positions = axis.profile_position().await?;
-        let mut set_point = SetPoint::new().velocity(arguments.velocity);
+        // The axis stands, and some drives can replace no move.
+        let mut set_point = SetPoint::new()
+            .velocity(arguments.velocity)
+            .buffer_mode(BufferMode::Buffered);
         if let Some(ramp) = arguments.acceleration {
             set_point = set_point.acceleration(ramp).deceleration(ramp);
         }
