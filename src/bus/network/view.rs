@@ -219,6 +219,9 @@ impl NetworkView {
                 }
             }
             Signal::Point { io, point } => {
+                if let Some(signal) = self.with_point_in_name(io, point) {
+                    return self.signal_source(&signal);
+                }
                 let io = find_io(&self.ios, io).map_err(|error| match self.source(io) {
                     Ok(_) => NetworkError::Declaration(no_signal(io, point)),
                     Err(_) => error,
@@ -233,6 +236,25 @@ impl NetworkView {
                 }
             }
         }
+    }
+
+    /// What a text says that was split at the first of several points, where a name has one: `1.2.position` of the axis `1.2`.
+    fn with_point_in_name(&self, io: &str, point: &str) -> Option<Signal> {
+        if find_io(&self.ios, io).is_ok() {
+            return None;
+        }
+        let whole = format!("{io}.{point}");
+        let value = |name| whole.strip_prefix(name)?.strip_prefix('.');
+        let of_axis = self.axes.iter().find_map(|source| {
+            let axis = source.name().to_owned();
+            match format!("axis.{}", value(source.name())?).parse() {
+                Ok(Signal::Axis { object, .. }) => Some(Signal::Axis { axis, object }),
+                Ok(Signal::State { .. }) => Some(Signal::State { axis }),
+                _ => None,
+            }
+        });
+        let mut ios = self.ios.iter().map(Io::name);
+        of_axis.or_else(|| ios.find_map(|io| Some(Signal::point(io, value(io)?))))
     }
 
     /// The place in the exchange of the device at this position of the line.
