@@ -46,7 +46,12 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         return Ok(true);
     }
     let cycle = Duration::from_micros(arguments.cycle_us.into());
-    let (builder, axes) = all_drives(tool, &arguments.line, cycle).await?;
+    let all = all_drives(tool, &arguments.line, cycle).await?;
+    let AllDrives {
+        builder,
+        axes,
+        jogged,
+    } = all;
     let start = async { Ok(builder.start().await?) };
     let net = tool.unless_interrupted(start).await?;
     let name = arguments.line.interface();
@@ -57,7 +62,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         attach = attach
             .grant(Grant::Parameters)
             .grant(Grant::Jog {
-                axes: axes.clone(),
+                axes: jogged,
                 max_velocity,
             })
             .grant(Grant::Motion { axes });
@@ -84,36 +89,51 @@ fn say(tool: &Tool, panel: &str) -> Result<(), Failure> {
     Ok(tool.say(&json!({"panel": panel}), text)?)
 }
 
-/// All drives of the line, each by its own description, with the names of their axes.
+/// All drives of a line, each by its own description.
+pub(crate) struct AllDrives {
+    pub(crate) builder: NetworkBuilder,
+    /// The names of their axes.
+    axes: Vec<String>,
+    /// Those that have a target velocity.
+    jogged: Vec<String>,
+}
+
 pub(crate) async fn all_drives(
     tool: &Tool,
     line: &LineArguments,
     cycle: Duration,
-) -> Result<(NetworkBuilder, Vec<String>), Failure> {
+) -> Result<AllDrives, Failure> {
     let mut builder = line.network()?.cycle(cycle);
     let line = line.scan(tool).await?;
-    let mut names = Vec::new();
+    let (mut axes, mut jogged) = (Vec::new(), Vec::new());
     for device in line.devices() {
-        let Some(description) = description_of(device).await else {
+        let (Some(description), Some(sdo)) = (description_of(device).await, &device.sdo) else {
             continue;
         };
         let position = device.id.position;
-        let axes = description.axes.len();
-        let drive = (1..=axes).fold(DriveConfig::new(description), |drive, axis| {
-            // Without a point, which ends the axis in the name of a signal.
-            let name = format!("{position}-{axis}");
-            names.push(name.clone());
-            drive.axis(
-                AxisConfig::new(name)
-                    .referencing(Referencing::UnreferencedMovesAllowed)
-                    .map_output(obj::TARGET_VELOCITY),
-            )
-        });
+        let offsets: Vec<_> = description.axes.iter().map(|axis| axis.offset).collect();
+        let mut drive = DriveConfig::new(description);
+        for (number, offset) in (1..).zip(offsets) {
+            let name = format!("{position}-{number}");
+            let mut axis =
+                AxisConfig::new(&name).referencing(Referencing::UnreferencedMovesAllowed);
+            // Not every drive has the mode of a jog.
+            if sdo.read(obj::TARGET_VELOCITY.offset(offset)).await.is_ok() {
+                axis = axis.map_output(obj::TARGET_VELOCITY);
+                jogged.push(name.clone());
+            }
+            axes.push(name);
+            drive = drive.axis(axis);
+        }
         builder = builder.drive(position, drive);
     }
     line.close().await;
-    if names.is_empty() {
+    if axes.is_empty() {
         return Err("no drive was found on the line".into());
     }
-    Ok((builder, names))
+    Ok(AllDrives {
+        builder,
+        axes,
+        jogged,
+    })
 }

@@ -110,7 +110,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         }
     }
     let cycle = Duration::from_micros(arguments.cycle_us.into());
-    let (builder, _) = all_drives(tool, &arguments.line, cycle).await?;
+    let builder = all_drives(tool, &arguments.line, cycle).await?.builder;
     let start = async { Ok(builder.start().await?) };
     let net = tool.unless_interrupted(start).await?;
     let shown = async {

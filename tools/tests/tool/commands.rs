@@ -406,6 +406,22 @@ fn a_watch_that_ends_before_its_trigger_says_so() {
 }
 
 #[test]
+fn every_drive_is_watched_and_moved_whatever_it_lacks() {
+    for drive in ["akd2g", "pp2010", "ax2000", "sigma7", "generic"] {
+        let watched = with_code(
+            0,
+            &format!("watch --sim {drive} --for 1 --every 100 0-1.position"),
+        );
+        assert!(watched.lines().count() > 1, "{drive}: {watched}");
+        let moved = with_code(
+            0,
+            &format!("move --sim {drive} --watchdog-ms 2000 --by 500 --velocity 5000 --yes"),
+        );
+        assert!(moved.starts_with("reached "), "{drive}: {moved}");
+    }
+}
+
+#[test]
 fn a_signal_that_an_axis_has_not_is_not_looked_for_among_the_other_devices() {
     let wrong = servocrab("watch --sim akd2g --for 1 0-1.positon");
     assert_eq!(wrong.code, Some(2));
