@@ -68,8 +68,19 @@ impl Machine {
         Ok(())
     }
 
-    /// One part.
+    /// One part. Where one axis fails the other one stops as well: by itself it would go on to the end of its move.
     async fn cycle(&self) -> Result<()> {
+        let placed = self.part().await;
+        if placed.is_err() {
+            let stopped = smol::future::zip(self.x.stop(), self.y.stop()).await;
+            for error in [stopped.0.err(), stopped.1.err()].into_iter().flatten() {
+                say(format_args!("not stopped: {error}"));
+            }
+        }
+        placed
+    }
+
+    async fn part(&self) -> Result<()> {
         let on_x = self.x.profile_position().await?;
         let on_y = self.y.profile_position().await?;
         let there = [on_x.abs(PICK.0, FAST), on_y.abs(PICK.1, FAST)];
@@ -97,7 +108,8 @@ async fn home(axis: &Axis<Mm>) -> std::result::Result<(), AxisError> {
         .speeds(50.0, 5.0)
         .acceleration(500.0)
         .offset(0.0);
-    homing.home(slowly).await?;
+    // An axis that has not found its switch by then is stopped.
+    homing.home(slowly).within(Duration::from_secs(20)).await?;
     homing.release().await
 }
 
@@ -192,10 +204,11 @@ async fn demonstrate(line: &Line, net: Network) -> Result<()> {
     if !matches!(error.failure(), Some(Failure::Fault { .. })) {
         return failed;
     }
-    // Somebody has mended it, and says so.
+    // Somebody has mended it, and says so. The stop may have taken the torque of the other axis.
     mend_encoder(line);
     machine.x.reset_fault().await?;
     machine.x.enable().await?;
+    machine.y.enable().await?;
     machine.cycle().await?;
     say(format_args!("and goes on"));
     net.shutdown().await?;
@@ -307,6 +320,7 @@ mod tests {
             mend_encoder(&line);
             machine.x.reset_fault().await?;
             machine.x.enable().await?;
+            machine.y.enable().await?;
             machine.cycle().await?;
             Ok((failed, kept))
         });
@@ -314,5 +328,26 @@ mod tests {
         let why = "axis x (drive 0 \"AKD2G\"): the drive has a fault: 7305h (incremental encoder 1 fault)";
         assert_eq!(failed, why);
         assert_eq!(kept, why);
+    }
+
+    #[test]
+    fn an_axis_that_fails_stops_the_other_one() {
+        let line = line();
+        let y = with_machine(&line, async |machine| {
+            let breaks = async {
+                machine.clock.sleep(Duration::from_millis(60)).await?;
+                break_encoder(&line);
+                Ok::<_, Box<dyn Error>>(())
+            };
+            let (failed, broken) = smol::future::zip(machine.cycle(), breaks).await;
+            broken?;
+            assert!(failed.is_err());
+            let stopped = machine.y.status().position;
+            machine.clock.sleep(Duration::from_secs(1)).await?;
+            Ok((stopped, machine.y.status().position))
+        });
+        let (stopped, after) = y.unwrap();
+        assert!((after - stopped).abs() < 0.01, "{stopped} and then {after}");
+        assert!(after < PICK.1 - 1.0, "{after}");
     }
 }
