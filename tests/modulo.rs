@@ -270,15 +270,35 @@ fn a_whole_turn_is_not_over_before_it_has_begun() {
     for stale in [0, 2, 50, 300] {
         let mut rig = table(POSITIVE, |_| {});
         let first = rig.abs(1_000, SetPoint::new());
-        reached(&mut rig, first);
-        rig.run(200);
-        rig.drive.disturbances().stale_reached_cycles = stale;
-        rig.drive.disturbances().ack_delay_cycles = 3;
-        let before = rig.drive.position();
-        let turn = rig.rel(36_000, SetPoint::new());
-        reached(&mut rig, turn);
-        assert_way(&rig, before, 36_000, &format!("stale for {stale}"));
+        goes_round(&mut rig, first, stale);
     }
+}
+
+/// Where nobody knows what a distance counts from, its end is not known either.
+#[test]
+fn a_whole_turn_is_over_whatever_distances_count_from() {
+    for stale in [0, 2, 50, 300] {
+        let mut rig = table(POSITIVE, |config| {
+            config.traits.relative_base = RelativeBase::Undocumented;
+        });
+        // It stands beside its demand.
+        rig.drive.place(1_005);
+        rig.run(200);
+        let first = rig.rel(1_000, SetPoint::new());
+        goes_round(&mut rig, first, stale);
+    }
+}
+
+/// A whole turn after this move, with its bit 10 still there for so many cycles.
+fn goes_round(rig: &mut Rig, first: servocrab::axis::CommandId, stale: u32) {
+    reached(rig, first);
+    rig.run(200);
+    rig.drive.disturbances().stale_reached_cycles = stale;
+    rig.drive.disturbances().ack_delay_cycles = 3;
+    let before = rig.drive.position();
+    let turn = rig.rel(36_000, SetPoint::new());
+    reached(rig, turn);
+    assert_way(rig, before, 36_000, &format!("stale for {stale}"));
 }
 
 /// Distances of several turns, of none and of a whole one, replaced, queued and halted on the way, with late bits and lost

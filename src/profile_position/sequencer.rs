@@ -1833,10 +1833,11 @@ impl Bases {
             let end = bounds.after(base, distance);
             bounds.distance(end, position) <= bounds.position.saturating_add(slack)
         };
-        // An axis that is where it was has gone no distance, however vague the base is.
+        // An axis that is where it was has gone no distance, however vague the base is, but for whole turns.
+        let far = bounds.distance(bounds.after(self.position, distance), self.position);
         let stays = self.is_own
             && bounds.is_within_window(self.position, position)
-            && is_far(distance, bounds);
+            && far > bounds.position.saturating_mul(2);
         if stays {
             return false;
         }
