@@ -420,6 +420,30 @@ fn behind_one_in_doubt_only_what_replaces_it_has_a_place() {
     }
 }
 
+/// One whose end was reported leads the axis: the drive may have another behind it.
+#[test]
+fn nothing_is_queued_behind_what_leads_the_axis_without_a_set_point() {
+    let is_free = |scene: &Scene, unproven: bool, buffer_mode| {
+        let drive_buffer = DriveBuffer {
+            unproven,
+            ..DriveBuffer::default()
+        };
+        scene.shows(|cycle| {
+            let room = drive_buffer.place_for(&to(70, buffer_mode), cycle);
+            matches!(room, BufferRoom::Free)
+        })
+    };
+    use BufferMode::{Aborting, Blending, Buffered};
+    let scene = Scene::at(500);
+    assert!(!is_free(&scene, true, Buffered) && !is_free(&scene, true, Blending));
+    assert!(is_free(&scene, true, Aborting) && is_free(&scene, false, Buffered));
+    let mut reached = Scene::at(500);
+    reached.word = Statusword::TARGET_REACHED;
+    let mut stands = Scene::at(500);
+    stands.stand(ms(150));
+    assert!(is_free(&reached, true, Buffered) && is_free(&stands, true, Buffered));
+}
+
 /// Without a word of bit 12 the position has to show that the active one has ended.
 #[test]
 fn a_place_that_bit_12_does_not_show_is_free_where_the_position_will_show_the_end() {

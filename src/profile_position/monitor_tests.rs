@@ -597,6 +597,20 @@ fn one_behind_a_set_point_in_doubt_is_in_doubt() {
     }
 }
 
+/// The axis has still to come to where the demand of the first is, and nothing shows where that is.
+#[test]
+fn what_is_left_of_a_way_whose_end_is_not_known_is_no_motion_of_the_next() {
+    let doubted = |first: &SetPointMonitor, mut second: SetPointMonitor, by_room: bool| {
+        Scene::at(6).shows(|cycle| second.takes_over(first, by_room, false, cycle));
+        second.doubted
+    };
+    let nowhere = distance(40, base(0));
+    assert!(doubted(&nowhere, to(1_000), true));
+    assert!(!doubted(&nowhere, to(1_000), false));
+    assert!(!doubted(&nowhere, distance(400, base(0)), true));
+    assert!(!doubted(&to(40), to(1_000), true));
+}
+
 #[test]
 fn an_axis_comes_nearer_and_is_nearest_where_it_arrived() {
     let mut monitor = to(1_000);

@@ -1493,7 +1493,12 @@ impl DriveBuffer {
         let buffer_mode = command.set_point.buffer_mode;
         let bits = traits.bits(buffer_mode);
         let [Some(active), next] = &self.held else {
-            return BufferRoom::Free;
+            // One whose end was reported leads the axis, and another may be behind it.
+            let is_led = self.unproven && !cycle.is_reached() && !cycle.standstill.is_standing();
+            return match buffer_mode {
+                BufferMode::Buffered | BufferMode::Blending if is_led => BufferRoom::Later,
+                _ => BufferRoom::Free,
+            };
         };
         let full = next.is_some() || (self.unproven && buffer_mode != BufferMode::Aborting);
         let shown_by_bit_12 = cycle.bit_12_shows_room();
@@ -2203,6 +2208,8 @@ impl SetPointMonitor {
         self.follows = true;
         self.by_room = by_room;
         self.swings = false;
+        // What is left of a way whose end is not known is no motion of this one.
+        self.doubted |= by_room && before.end.is_none() && self.end.is_some();
     }
 
     /// Its way began at the end of `before`, where the axis was seen.
