@@ -78,7 +78,8 @@ impl Browser {
             .agent
             .post(url)
             .header("Content-Type", "application/json")
-            .send(body.to_string())?;
+            .send(body.to_string())
+            .map_err(|error| format!("{path} {body}: {error}"))?;
         answer(path, &response.body_mut().read_to_string()?)
     }
 
