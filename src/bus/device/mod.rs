@@ -230,15 +230,17 @@ impl Device {
             line::set_back(registers, *station)
                 .await
                 .at(BringUpStep::State(AlState::Init))?;
-            if let Some(mailbox) = &self.mailbox {
-                mailbox.signal.begin_anew();
-            }
             let identity = eeprom::identity(registers, *station).await;
             identity.at(BringUpStep::Sii)
         };
         let identity = identity.await.of(id)?;
         if identity == id.identity {
-            return self.found.enter_pre_op(registers).await.of(id);
+            self.found.enter_pre_op(registers).await.of(id)?;
+            // Not before: a message that comes in INIT is taken by memory, and nobody answers it.
+            if let Some(mailbox) = &self.mailbox {
+                mailbox.signal.begin_anew();
+            }
+            return Ok(());
         }
         // It is none of ours.
         let _ = registers

@@ -483,6 +483,47 @@ fn a_request_that_the_drive_has_forgotten_in_init_holds_up_no_recovery() {
     yard.ends();
 }
 
+/// Until its mailbox is set up a device takes a message into its memory, and nobody answers it. The recovery goes by the same mailbox.
+#[test]
+fn a_request_without_a_limit_holds_up_no_recovery_whenever_it_is_made() {
+    for turns in 0.. {
+        let line = Line::new(Segment::new().with(personality::generic()));
+        let drive = unhomed(drives::generic(), &["z"]);
+        let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
+        let sdo = rig.net().sdo(0).unwrap().with_timeout(Duration::MAX);
+        let mut segment = line.segment();
+        segment
+            .device_mut(0)
+            .unwrap()
+            .fall_to(AlState::Init, 0x8001);
+        drop(segment);
+        rig.run_for(100 * MS);
+        let net = rig.net.take().unwrap();
+        let mut read = pin!(sdo.read(obj::VENDOR_ID));
+        let mut context = Context::from_waker(Waker::noop());
+        let was_asked_before = {
+            let mut recovered = pin!(net.recover(0));
+            let is_under_way = (0..turns).all(|_| {
+                let is_under_way = recovered.as_mut().poll(&mut context).is_pending();
+                is_under_way && rig.bus.turn()
+            });
+            if is_under_way {
+                assert!(read.as_mut().poll(&mut context).is_pending());
+                let recovered = rig.until(recovered);
+                assert!(recovered.is_ok(), "after {turns} turns: {recovered:?}");
+            }
+            is_under_way
+        };
+        rig.net = Some(net);
+        if !was_asked_before {
+            assert!(turns > 50, "it took {turns} turns alone");
+            break;
+        }
+        // It has its answer, or has failed.
+        let _ = rig.until(read);
+    }
+}
+
 #[test]
 fn a_drive_that_follows_its_clock_is_led_back_after_a_fall_and_brought_up_after_it_was_without_power()
  {
