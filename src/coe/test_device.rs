@@ -69,6 +69,9 @@ impl Clock for VirtualClock {
     }
 }
 
+/// Index and subindex.
+type Address = (u16, u8);
+
 /// The device; clones are the same one.
 #[derive(Clone)]
 pub(crate) struct Device(pub(crate) Rc<RefCell<DeviceState>>);
@@ -81,6 +84,8 @@ pub(crate) struct DeviceState {
     pub refused: BTreeMap<(u16, u8), u32>,
     /// Objects that keep their value though a write to them is confirmed.
     pub stubborn: Vec<(u16, u8)>,
+    /// An object, and what another one holds once it was written.
+    pub set_back: Option<(Address, (Address, Vec<u8>))>,
     /// Every write that was carried out, in order.
     pub written: Vec<(u16, u8, Vec<u8>)>,
     /// Every SDO request that was served.
@@ -275,6 +280,7 @@ impl DeviceState {
             objects: BTreeMap::from([((0x1000, 0), vec![0x92, 0x01, 0x02, 0x00])]),
             refused: BTreeMap::new(),
             stubborn: Vec::new(),
+            set_back: None,
             written: Vec::new(),
             served: 0,
             faults: VecDeque::new(),
@@ -482,6 +488,11 @@ impl DeviceState {
     fn store(&mut self, index: u16, subindex: u8, value: Vec<u8>) {
         if !self.stubborn.contains(&(index, subindex)) {
             self.objects.insert((index, subindex), value.clone());
+        }
+        if let Some((written, (object, held))) = &self.set_back
+            && *written == (index, subindex)
+        {
+            self.objects.insert(*object, held.clone());
         }
         self.written.push((index, subindex, value));
     }

@@ -14,27 +14,22 @@ use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoH
 /// Brings `mapping` into a drive in PREOP, and gives the places of its objects.
 ///
 /// What the drive holds is read first, in both directions. What is as it should be is left as it is: a direction in which nothing
-/// differs is not written at all, a PDO whose entries do not differ is not filled. A direction in which something was written is
-/// read back and compared. Where the drive has the right PDOs assigned and its assignment cannot be written, only PDOs are filled.
+/// differs is not written at all, a PDO whose entries do not differ is not filled. Where something was written both directions are
+/// read back and compared: some drives set back the one when the other is written. Where the drive has the right PDOs assigned and its assignment cannot be written, only PDOs are filled.
 ///
 /// # Errors
 /// [`ConfigureError`]: the drive refused a step, did not answer, or holds another mapping afterwards.
 pub async fn configure(mapping: &Mapping, sdo: &SdoHandle) -> Result<Layout, ConfigureError> {
     let outputs = differing(mapping, Direction::Outputs, sdo).await?;
     let inputs = differing(mapping, Direction::Inputs, sdo).await?;
-    for change in [&outputs, &inputs].into_iter().flatten() {
+    if outputs.is_none() && inputs.is_none() {
+        return Ok(mapping.layout());
+    }
+    for change in [outputs, inputs].into_iter().flatten() {
         change.execute(sdo).await?;
     }
-    let mut held = Vec::new();
-    for (direction, written) in [(Direction::Outputs, &outputs), (Direction::Inputs, &inputs)] {
-        held.push(match written {
-            Some(_) => read_assigned(direction, sdo).await?,
-            None => mapping.pdos(direction).to_vec(),
-        });
-    }
-    let inputs = held.pop().unwrap_or_default();
-    let outputs = held.pop().unwrap_or_default();
-    verify::compare(mapping, &Mapping::from_pdos(outputs, inputs)).map_err(|error| {
+    let held = read_back(sdo).await?;
+    verify::compare(mapping, &held).map_err(|error| {
         ConfigureError::Differs(Box::new(DriveError {
             drive: sdo.drive().clone(),
             error,
@@ -381,6 +376,41 @@ mod tests {
                 place: 2,
                 expected: Some(Entry::new(0x6060, 0, 8)),
                 got: Some(Entry::new(0x6072, 0, 16)),
+            }]
+        );
+    }
+
+    /// What was read before is not what it holds after the writes to the other direction.
+    #[test]
+    fn a_drive_whose_inputs_change_when_its_outputs_are_written_is_found_out() {
+        let other = Entry::new(0x6077, 0, 32);
+        let error = configured(|device| {
+            for (pdo, axis) in [(0x1A00, 0), (0x1A10, 0x0800)] {
+                let entries = [(0x6041, 16), (0x6064, 32)];
+                for (subindex, (index, bits)) in (1..).zip(entries) {
+                    let entry = Entry::new(index + axis, 0, bits);
+                    device.set(pdo, subindex, &entry.raw().to_le_bytes());
+                }
+                device.set(pdo, 0, &[2]);
+            }
+            for (subindex, pdo) in (1..).zip([0x1A00_u16, 0x1A10]) {
+                device.set(0x1C13, subindex, &pdo.to_le_bytes());
+            }
+            device.set(0x1C13, 0, &[2]);
+            let set_back = ((0x1A00, 2), other.raw().to_le_bytes().to_vec());
+            device.0.borrow_mut().set_back = Some(((0x1C12, 0), set_back));
+        });
+        let ConfigureError::Differs(error) = error.unwrap_err() else {
+            panic!("not found out");
+        };
+        assert_eq!(
+            error.error.0,
+            [Difference::Entry {
+                direction: Direction::Inputs,
+                pdo: 0x1A00,
+                place: 2,
+                expected: Some(Entry::new(0x6064, 0, 32)),
+                got: Some(other),
             }]
         );
     }
