@@ -21,19 +21,19 @@ use super::{
         AlError, AlState, AtStep, BringUpStep, DriveFault, NetworkError, OfDevice, StepError,
         SyncManagerError,
     },
-    expected::{DevicePlace, LineVerdict},
+    expected::{DevicePlace, LineVerdict, Present},
     line::{self, Found},
     log::LogRecord,
     requests::{
         Context, eeprom,
         executor::Time,
-        registers,
+        registers::{self, Registers},
         sync_managers::{self, Area, AreaDirection},
     },
 };
 use crate::{
     coe::{
-        AbortCode, Clock, Emergencies, ErrorTexts, EthercrabMailbox, MailboxClient,
+        AbortCode, Clock, DriveId, Emergencies, ErrorTexts, EthercrabMailbox, MailboxClient,
         MailboxSettings, MailboxSignal, ObjectAddress, SdoHandle,
     },
     parameters::{StartUpList, Transition},
@@ -226,15 +226,12 @@ impl Device {
     pub async fn enter_pre_op(&self, context: &Context) -> Result<(), NetworkError> {
         let registers = &context.registers;
         let Found { station, id, .. } = &self.found;
-        let identity = async {
-            line::set_back(registers, *station)
-                .await
-                .at(BringUpStep::State(AlState::Init))?;
-            let identity = eeprom::identity(registers, *station).await;
-            identity.at(BringUpStep::Sii)
-        };
-        let identity = identity.await.of(id)?;
-        if identity == id.identity {
+        line::set_back(registers, *station)
+            .await
+            .at(BringUpStep::State(AlState::Init))
+            .of(id)?;
+        let present = self.present(registers).await.of(id)?;
+        if self.is(&present) {
             self.found.enter_pre_op(registers).await.of(id)?;
             // Not before: a message that comes in INIT is taken by memory, and nobody answers it.
             if let Some(mailbox) = &self.mailbox {
@@ -246,8 +243,37 @@ impl Device {
         let _ = registers
             .write(*station, crate::esc::STATION_ADDRESS, &[0; 2])
             .await;
-        let other = Some((id.position.into(), identity));
-        Err(line::mismatch(id, other, LineVerdict::Different))
+        let verdict = LineVerdict::Different;
+        Err(line::mismatch(self.place, id, Some(present), verdict))
+    }
+
+    /// Who answers at its station address.
+    pub async fn present(&self, registers: &Registers) -> Result<Present, StepError> {
+        let Found { station, id, .. } = &self.found;
+        let identity = eeprom::identity(registers, *station).await;
+        let identity = identity.at(BringUpStep::Sii)?;
+        let alias = match self.place {
+            DevicePlace::Alias(_) => {
+                let alias = registers.read(*station, crate::esc::STATION_ALIAS).await;
+                Some(u16::from_le_bytes(alias.at(BringUpStep::Identity)?))
+            }
+            _ => None,
+        };
+        let id = DriveId {
+            position: id.position,
+            name: String::new(),
+            identity,
+        };
+        Ok(Present { id, alias })
+    }
+
+    /// Whether that is the device of the start. One that was declared by its alias must have that still.
+    pub fn is(&self, present: &Present) -> bool {
+        let has_alias = match self.place {
+            DevicePlace::Alias(alias) => present.alias == Some(alias),
+            _ => true,
+        };
+        has_alias && present.id.identity == self.found.id.identity
     }
 
     /// In PREOP: start-up lists, PDOs, and of a drive's parameters those that its outputs will overwrite.

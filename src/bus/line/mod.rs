@@ -501,6 +501,7 @@ async fn identify(
 /// Which of the devices that are there is the wanted one.
 fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, NetworkError> {
     let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
+    let declared = DevicePlace::Position(wanted.position);
     let place = usize::from(wanted.position);
     let candidates = candidates(&expected, place, seen);
     let verdict = match candidates.as_slice() {
@@ -514,11 +515,13 @@ fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, N
             let at = behind.next_back().map_or(0, |(at, _)| at + 1);
             match seen.get(at) {
                 Some(FoundAs::Nameless { identity, .. }) if *identity != wanted.identity => {
-                    return Err(mismatch(
-                        wanted,
-                        Some((at, *identity)),
-                        LineVerdict::Different,
-                    ));
+                    let id = DriveId {
+                        position: to_position(at),
+                        name: String::new(),
+                        identity: *identity,
+                    };
+                    let found = Some(Present { id, alias: None });
+                    return Err(mismatch(declared, wanted, found, LineVerdict::Different));
                 }
                 _ => LineVerdict::Missing,
             }
@@ -527,13 +530,14 @@ fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, N
             positions: several.iter().map(|(at, _)| to_position(*at)).collect(),
         },
     };
-    Err(mismatch(wanted, None, verdict))
+    Err(mismatch(declared, wanted, None, verdict))
 }
 
-/// The table of a line of which only the wanted device is looked at.
+/// The table of a line of which only the wanted device is looked at, which was declared so.
 pub(super) fn mismatch(
+    place: DevicePlace,
     wanted: &DriveId,
-    found: Option<(usize, Identity)>,
+    found: Option<Present>,
     verdict: LineVerdict,
 ) -> NetworkError {
     let Identity {
@@ -544,15 +548,6 @@ pub(super) fn mismatch(
     } = wanted.identity;
     let expected = Expected::new(vendor, product).revision(revision);
     let expected = expected.serial(serial).named(wanted.name.clone());
-    let found = found.map(|(at, identity)| Present {
-        id: DriveId {
-            position: to_position(at),
-            name: String::new(),
-            identity,
-        },
-        alias: None,
-    });
-    let place = DevicePlace::Position(wanted.position);
     NetworkError::WrongLine(LineMismatch(vec![LineRow {
         position: Some(wanted.position),
         expected: Some((place, expected)),

@@ -221,12 +221,12 @@ impl Recovery {
     async fn is_the_same(&self, place: usize, device: &Device) -> Result<bool, NetworkError> {
         self.reattach(place, |_| Reattach::Unknown);
         let (registers, Found { station, id, .. }) = (&self.context.registers, &device.found);
-        let identity = eeprom::identity(registers, *station).await;
+        let present = device.present(registers).await;
         // Whatever came of it: the device may need it.
         let given = eeprom::give_away(registers, *station).await;
-        let identity = identity.at(BringUpStep::Sii).of(id)?;
+        let present = present.of(id)?;
         given.at(BringUpStep::Sii).of(id)?;
-        Ok(identity == id.identity)
+        Ok(device.is(&present))
     }
 
     /// From SAFEOP, with the error that has led there.

@@ -10,7 +10,10 @@ use std::{
 
 use servocrab::{
     axis::Referencing,
-    bus::{AxisConfig, DriveConfig, LineVerdict, Network, NetworkError, NetworkEvent, Recovered},
+    bus::{
+        AxisConfig, DevicePlace, DriveConfig, LineVerdict, Network, NetworkError, NetworkEvent,
+        Recovered,
+    },
     drives,
     link::Wire,
 };
@@ -257,4 +260,56 @@ fn another_device_with_the_same_address_is_not_led_back_in_its_place() {
     assert_eq!(here.state(MIDDLE), AlState::Init);
     drop((z, there));
     here.ends();
+}
+
+/// Two drives that nothing tells apart but their alias, each declared by its own.
+#[test]
+fn a_drive_that_was_declared_by_its_alias_is_not_led_back_in_the_place_of_another() {
+    let drive = |alias| Servo::akd2g().alias(alias).build();
+    let started = |aliases: [u16; 2]| {
+        let [first, second] = aliases.map(drive);
+        let line = Line::new(Segment::new().with(first).with(second));
+        let [x, y] = aliases.map(DevicePlace::Alias);
+        let builder = Network::builder()
+            .link(line.wire())
+            .drive(x, unhomed(drives::akd2g(), &["x"]))
+            .drive(y, unhomed(drives::akd2g(), &["y"]));
+        let rig = Rig::start(builder).unwrap();
+        (line, rig)
+    };
+    let is_named = |error: NetworkError| {
+        let text = error.to_string();
+        assert_eq!(verdict(error), LineVerdict::Different, "{text}");
+        assert!(text.contains("alias 5: "), "{text}");
+        assert!(text.contains(", alias 6)"), "{text}");
+    };
+    let exchanged = |line: &Line, with: &mut Device| {
+        let mut segment = line.segment();
+        std::mem::swap(segment.device_mut(0).unwrap(), with);
+    };
+    // Plugged in the other way round, without power.
+    let (line, mut rig) = started([5, 6]);
+    off(&line, &mut rig, &[0, 1]);
+    let mut at_hand = personality::coupler();
+    exchanged(&line, &mut at_hand);
+    std::mem::swap(line.segment().device_mut(1).unwrap(), &mut at_hand);
+    exchanged(&line, &mut at_hand);
+    on(&line, &mut rig, &[0, 1]);
+    is_named(rig.recover(0).unwrap_err());
+    assert!(rig.net().axis("x").unwrap().status().lost);
+    rig.shutdown();
+    // From another machine, with its power on: it has kept its station address.
+    let ((line, mut rig), (other, elsewhere)) = (started([5, 7]), started([6, 8]));
+    for line in [&line, &other] {
+        let mut segment = line.segment();
+        segment.device_mut(0).unwrap().fall_to_safe_op(0x001B);
+    }
+    rig.run_for(100 * MS);
+    exchanged(&line, other.segment().device_mut(0).unwrap());
+    rig.run_for(20 * MS);
+    is_named(rig.recover(0).unwrap_err());
+    rig.run_for(20 * MS);
+    assert!(rig.net().axis("x").unwrap().status().lost);
+    rig.shutdown();
+    drop(elsewhere);
 }
