@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::set::{Differences, Parameter, ParameterSet, Progress, is_parameter, read};
-use super::start_up::{WriteFault, write_value};
+use super::start_up::{WriteFault, of_first_axis, write_value};
 use crate::coe::{
     DriveError, DriveId, Object, ObjectAddress, ReadWrite, SdoError, SdoHandle, TransferKind, obj,
 };
@@ -16,7 +16,7 @@ use crate::sii::Identity;
 pub struct Restored {
     /// The objects that were written and read back.
     pub written: Vec<ObjectAddress>,
-    /// The objects that held their value before.
+    /// The objects that held their value before, and those that a restore leaves as they are.
     pub unchanged: Vec<ObjectAddress>,
 }
 
@@ -87,6 +87,8 @@ impl ParameterSet {
     /// Writes the set to a drive, in order. What holds its value already is left alone; what is written is read back, and all
     /// is compared once more at the end.
     ///
+    /// 6007h of each axis is left as it is: every start sets it to a value that stops the axis when the program dies.
+    ///
     /// No axis of the drive may be enabled: this is asked of the drive before each write. What was written is in force, but
     /// only stored for the next power-up by [`store`](super::store).
     ///
@@ -120,6 +122,10 @@ impl ParameterSet {
         for (place, parameter) in self.parameters.iter().enumerate() {
             progress.tell(place, all);
             let object = parameter.object;
+            if is_of_start(object) {
+                done.unchanged.push(object);
+                continue;
+            }
             let held = read(sdo, object)
                 .await
                 .map_err(|fault| error(fault.error.into(), &done, place, None))?;
@@ -139,10 +145,12 @@ impl ParameterSet {
             }
             done.written.push(object);
         }
-        let differences = self
+        let mut differences = self
             .compare(sdo, Progress::none())
             .await
             .map_err(|fault| error(fault.error.into(), &done, all, None))?;
+        let all_differences = &mut differences.0;
+        all_differences.retain(|difference| !is_of_start(difference.parameter.object));
         if !differences.0.is_empty() {
             let changed = |object: &ObjectAddress| {
                 let mut all = differences.0.iter();
@@ -179,6 +187,11 @@ impl ParameterSet {
             .find(|object| !is_parameter(*object))
             .map_or(Ok(()), |object| Err(RestoreFault::NoParameter(object)))
     }
+}
+
+/// Whether every start sets this object: what an axis does when the process data stop.
+fn is_of_start(object: ObjectAddress) -> bool {
+    of_first_axis(object) == Some(obj::ABORT_CONNECTION_OPTION.index())
 }
 
 /// Whether the object may hold its value though the write failed: the drive has not refused it, and not shown another. It may have

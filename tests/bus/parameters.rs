@@ -531,3 +531,23 @@ fn a_drive_says_itself_which_parameters_it_has_or_the_library_knows_them() {
         rig.shutdown();
     }
 }
+
+/// A backup of a drive that no network has started yet holds what its maker has put there.
+#[test]
+fn a_restore_leaves_as_it_is_what_an_axis_does_when_its_program_dies() {
+    let (line, mut rig) = line();
+    let objects = [0x6007, 0x6807].map(|index| ObjectAddress::new(index, 0));
+    let mut set = five();
+    for object in objects {
+        set.parameters.push(parameter(object, 0_i16));
+    }
+    let restored = restore(&mut rig, &set).unwrap();
+    assert_eq!(restored.written.len(), 5);
+    assert_eq!(restored.unchanged, objects);
+    for axis in 0..2 {
+        let segment = line.segment();
+        let held = segment.axis(0, axis).unwrap().get(0x6007, 0);
+        assert_eq!(held, Some(3), "a quick stop");
+    }
+    rig.shutdown();
+}
