@@ -806,20 +806,27 @@ fn a_drive_whose_cycle_is_longer_than_the_deadline_of_its_acknowledge_has_its_ti
     assert_eq!(drive.now - sent, 4 * cycle);
 }
 
-/// A second change that waits for standstill and is given up as well does not make the first one forgotten.
-#[test]
-fn nothing_begins_after_a_second_change_was_given_up_before_it_was_written() {
+/// A drive that may come to homing: that was taken back after three cycles. This many later another mode was selected, had to wait since
+/// something pushed the axis, and was given up before it was written.
+fn with_a_second_change_given_up(cycles: u32) -> Played {
     let mut drive = Played::enabled(Played::config());
     let selecting = drive.submit(TO_HOMING);
     drive.shows_for(3, REACHED);
     assert_eq!(drive.outputs[6], 6);
     assert!(drive.core.withdraw(selecting, &mut drive.outputs));
-    // Something pushes the axis: another mode has to wait.
+    drive.shows_for(cycles, REACHED);
     drive.position += 15;
     drive.shows(REACHED);
     let other = drive.submit(Command::SelectMode(Mode::ProfileVelocity));
     assert_eq!((drive.outcome(other), drive.outputs[6]), (None, 1));
     assert!(drive.core.withdraw(other, &mut drive.outputs));
+    drive
+}
+
+/// A second change that waits for standstill and is given up as well does not make the first one forgotten.
+#[test]
+fn nothing_begins_after_a_second_change_was_given_up_before_it_was_written() {
+    let mut drive = with_a_second_change_given_up(0);
     // Four cycles after 6060h was 6: the drive may come to homing at any time.
     let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
     let answer = drive.answer(Command::Move(absolute(50)));
@@ -829,17 +836,7 @@ fn nothing_begins_after_a_second_change_was_given_up_before_it_was_written() {
 /// The second change began later, and had longer. What is waited for is the first.
 #[test]
 fn a_mode_that_was_taken_back_is_waited_for_no_longer_because_of_a_second_change() {
-    let mut drive = Played::enabled(Played::config());
-    let selecting = drive.submit(TO_HOMING);
-    drive.shows_for(3, REACHED);
-    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
-    drive.shows_for(40, REACHED);
-    // Something pushes the axis: another mode has to wait, and is given up.
-    drive.position += 15;
-    drive.shows(REACHED);
-    let other = drive.submit(Command::SelectMode(Mode::ProfileVelocity));
-    assert_eq!((drive.outcome(other), drive.outputs[6]), (None, 1));
-    assert!(drive.core.withdraw(other, &mut drive.outputs));
+    let mut drive = with_a_second_change_given_up(40);
     drive.shows_for(19, REACHED);
     let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
     assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
@@ -851,16 +848,7 @@ fn a_mode_that_was_taken_back_is_waited_for_no_longer_because_of_a_second_change
 /// The drive may show the first at any time, after a second that was given up as well: what it shows then is no answer to a third.
 #[test]
 fn a_mode_that_was_taken_back_is_not_selected_at_once_behind_a_second_change() {
-    let mut drive = Played::enabled(Played::config());
-    let selecting = drive.submit(TO_HOMING);
-    drive.shows_for(3, REACHED);
-    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
-    // Something pushes the axis: another mode has to wait, and is given up.
-    drive.position += 15;
-    drive.shows(REACHED);
-    let other = drive.submit(Command::SelectMode(Mode::ProfileVelocity));
-    assert_eq!((drive.outcome(other), drive.outputs[6]), (None, 1));
-    assert!(drive.core.withdraw(other, &mut drive.outputs));
+    let mut drive = with_a_second_change_given_up(0);
     drive.shows_for(40, REACHED);
     let again = drive.submit(TO_HOMING);
     drive.shows_for(3, REACHED);
