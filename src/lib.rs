@@ -95,6 +95,7 @@ pub mod profile_velocity;
 pub mod sii;
 #[cfg(feature = "std")]
 mod sync;
+mod timer;
 pub mod units;
 #[cfg(feature = "std")]
 mod wakes;
@@ -136,4 +137,4 @@ pub use handle::{
     Axis, AxisError, Homing, Move, Outcome, ProfilePosition, ProfileVelocity, start_together,
 };
 pub use homing::{HomingMethod, HomingParameters};
-pub use profile_position::{BufferMode, SetPoint};
+pub use profile_position::{BufferMode, Doubt, Failure, FailureClass, SetPoint};

@@ -111,11 +111,8 @@ impl CoreConfig {
         deadlines.fault_reset = deadlines.fault_reset.max(answer);
         let tolerances = &self.tolerances;
         let drive_cycle = self.traits.drive_cycle;
-        // Whoever gives a threshold knows its unit; the default is nobody's.
-        let is_known = self.traits.threshold_in_velocity_units || tolerances.velocity > 0;
         let bounds = Bounds::new(
             tolerances.position,
-            is_known.then_some(tolerances.velocity),
             tolerances.settle,
             drive_cycle,
             self.modulo,
@@ -128,8 +125,8 @@ impl CoreConfig {
 ///
 /// ```
 /// use servocrab::axis::Tolerances;
-/// // An encoder of 2²⁰ counts a revolution: half a thousandth of a revolution, and its noise at rest.
-/// let tolerances = Tolerances { position: 524, velocity: 2_000, ..Tolerances::default() };
+/// // An encoder of 2²⁰ counts a revolution: half a thousandth of a revolution.
+/// let tolerances = Tolerances { position: 524, ..Tolerances::default() };
 /// assert_eq!(tolerances.settle.as_millis(), 100);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,12 +134,6 @@ pub struct Tolerances {
     /// Position units between target and 6064h at arrival, and within which a standing axis stays. `Tolerances::default()` has 10. A
     /// [`Network`](crate::bus::Network) takes the drive's position window 6067h in its place, but only for an axis that is given no `Tolerances`.
     pub position: u32,
-    /// Velocity units of 606Ch up to which it shows that the axis stands, where it is mapped: at most the window in a settle time. It is the
-    /// drive's threshold 606Fh where
-    /// [`Traits::threshold_in_velocity_units`](crate::profile_position::Traits::threshold_in_velocity_units) holds. It shortens the settle time
-    /// of an axis at rest, and never replaces it. So noise at rest does no harm. 0, the default, shortens nothing on other drives: one
-    /// whose unit is coarse shows 0 in motion, too. Nor is anything shortened where the position window is less than 8 counts.
-    pub velocity: u32,
     /// How long 6064h must stay within the window to count as standing, and as not on its way.
     pub settle: Duration,
 }
@@ -151,7 +142,6 @@ impl Default for Tolerances {
     fn default() -> Self {
         Self {
             position: 10,
-            velocity: 0,
             settle: Duration::from_millis(100),
         }
     }

@@ -1,68 +1,147 @@
-//! A stop under way: how far it is and who waits for it.
+//! Stops: bit 8, quick stop, and in the end Disable voltage; how far one is, and who waits for it.
+//!
+//! A stop has until [`Deadlines::standstill`](super::Deadlines::standstill): bit 8 for half of that at most, then quick stop. An axis that
+//! was not seen to stand by then loses its power. A drive that ignores either word is found out earlier, by the speed of the axis
+//! (decisions 19 and 20).
 
-use core::time::Duration;
+use crate::{
+    ds402::State,
+    profile_position::{CommandId, Completion, Delivery, Failure, WaitingFor},
+    timer::{Due, Timer},
+};
 
-use crate::profile_position::{Bounds, CommandId, Failure, ShownFor, Unanswered};
+use super::{
+    machines::Step,
+    deceleration::DecelerationMonitor,
+    power::is_down,
+};
 
 /// Commands that can wait for one standstill.
 const WAITERS: usize = 8;
 
+/// Between its arrival and its rest an axis without a set-point is within so many position windows: more is a motion, and is
+/// stopped.
+const SETTLES_WITHIN: u32 = 4;
+
 /// How far a stop is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum StopPhase {
     /// No stop is under way; the axis may be halted.
-    #[default]
     None,
-    /// Halting, with the quick stop to follow at standstill or then. Of an axis that is known to move for nothing, where it was: if
-    /// it comes to rest and has not left that place, there is nothing to abandon.
-    Halting { until: Duration, from: Option<i32> },
-    /// Quick stop, to be at standstill by then; without a time it is commanded on without anybody waiting.
-    Quick { until: Option<Duration> },
-    /// The drive stops the axis by itself, or has left it without power: it is to stand by then.
-    Settling { until: Duration },
-    /// Voltage being disabled: after the quick stop, or in place of one that the drive ignores.
-    Off { until: Duration },
+    /// Bit 8, with the quick stop to follow at standstill or then. Of an axis that is known to move for nothing, where it was: if it comes
+    /// to rest there, there is nothing to abandon.
+    Halting { left: Timer, from: Option<i32> },
+    /// Bit 2 is low.
+    Quick { left: Timer },
+    /// The drive stops the axis by itself, or has left it without power.
+    Settling { left: Timer },
+    /// Voltage is being disabled: after the quick stop, or in place of one that does not stop the axis.
+    Off { left: Timer },
 }
 
 /// What a waiter waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Wait {
-    /// Standstill with bit 8, until then.
-    Halt { until: Duration },
+    /// Standstill with bit 8.
+    Halt { left: Timer },
     /// The end of the stop.
     Stop,
     /// The standstill of an axis whose stop was overtaken by a fault.
     Faulted(Failure),
 }
 
-/// The stop under way.
-#[derive(Debug, Clone, Hash, Default)]
+/// Bit 8.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(super) struct Halt {
+    pub is_on: bool,
+    /// Since it is known to have been delivered: until the drive has surely seen it.
+    seen: Option<Timer>,
+    /// Nobody waits for it: liveness, a stop handle.
+    pub unwatched: bool,
+    /// It is the stop's own, and falls again where there is nothing to abandon.
+    pub lent: bool,
+    /// What it does.
+    deceleration: DecelerationMonitor,
+}
+
+impl Halt {
+    pub const OFF: Self = Self {
+        is_on: false,
+        seen: None,
+        unwatched: false,
+        lent: false,
+        deceleration: DecelerationMonitor::new(),
+    };
+
+    /// Whether the drive has surely seen it.
+    pub const fn is_seen(&self) -> bool {
+        matches!(self.seen, Some(left) if left.is_over())
+    }
+}
+
+/// Bit 2 low.
+#[derive(Debug, Clone, Copy, Hash)]
+struct QuickStop {
+    seen: Option<Timer>,
+    deceleration: DecelerationMonitor,
+}
+
+impl QuickStop {
+    const NEW: Self = Self {
+        seen: None,
+        deceleration: DecelerationMonitor::new(),
+    };
+}
+
+/// The stops of an axis.
+#[derive(Debug, Clone, Hash)]
 pub(super) struct Stopping {
     pub phase: StopPhase,
-    /// Whether the axis is to be disabled at the end.
+    /// The axis is to be disabled at the end.
     pub off: bool,
-    /// Whether those whose set-points are kept have been informed that the axis stands.
-    pub halt_reported: bool,
-    /// Whether bit 8 was asked for by something that nobody waits for: liveness, a stop handle.
-    pub unwatched: bool,
-    /// Whether bit 8 is the stop's own: it falls again where there is nothing to abandon.
-    pub lent: bool,
-    /// What an axis that was under way for a set-point showed, until bit 8 is answered.
-    pub unanswered: Unanswered,
-    /// What bit 8 does.
-    pub deceleration: DecelerationMonitor,
-    /// Since when a drive that stays in Operation enabled is known to have been sent bit 2 low, and what that does.
-    pub quick_delivered: Option<Duration>,
-    pub quick_deceleration: DecelerationMonitor,
-    /// Since when bit 2 low is known to have been delivered in this quick stop, and whether each sample has shown a state in which it may end.
-    pub sent_since: Option<Duration>,
-    pub shown: ShownFor,
+    pub halt: Halt,
+    /// Since bit 8 was sent low: until the drive has surely seen that (S7).
+    released: Timer,
+    quick: QuickStop,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
-    /// How many of these places are taken: there is seldom anybody to look for.
-    waiting: usize,
+}
+
+/// What a cycle of a stop comes to.
+pub(super) enum StopStep {
+    Nothing,
+    /// The axis stands halted.
+    Halted,
+    /// Bit 8 was delivered just now; the drive has surely seen it.
+    HaltDelivered,
+    HaltSeen,
+    /// It is over, and the drive is where it was led.
+    Over,
+    /// The axis stands where it was: nothing was to be abandoned.
+    OverHalted,
+    /// Quick stop follows.
+    Quick,
+    /// The axis stands in Quick stop active, or its drive is off.
+    QuickStopped,
+    /// The axis was not stopped in time: without voltage the drive at least drives it no further.
+    GiveUp(Failure),
+    /// Those who wait fail; the drive has no power.
+    Fail(Failure),
+    /// The axis is driven by somebody else, or moves: it is stopped as well.
+    StopAgain,
 }
 
 impl Stopping {
+    pub const fn new() -> Self {
+        Self {
+            phase: StopPhase::None,
+            off: false,
+            halt: Halt::OFF,
+            released: Timer::OVER,
+            quick: QuickStop::NEW,
+            waiters: [None; WAITERS],
+        }
+    }
+
     pub const fn is_quick(&self) -> bool {
         matches!(self.phase, StopPhase::Quick { .. })
     }
@@ -71,53 +150,206 @@ impl Stopping {
         matches!(self.phase, StopPhase::Off { .. })
     }
 
-    /// Bit 8 begins, or is over.
-    pub fn begin_halt(&mut self) {
-        self.unwatched = false;
-        self.lent = false;
-        self.unanswered = Unanswered::default();
-        self.deceleration = DecelerationMonitor::default();
-    }
-
-    /// Bit 2 falls, and the axis is to stand by then.
-    pub fn begin_quick(&mut self, until: Duration) {
-        self.phase = StopPhase::Quick { until: Some(until) };
-        self.sent_since = None;
-        self.shown = ShownFor::NOT;
-        self.measure_quick();
-    }
-
-    /// What bit 2 does is measured from its next delivery on.
-    pub fn measure_quick(&mut self) {
-        self.quick_delivered = None;
-        self.quick_deceleration = DecelerationMonitor::default();
-    }
-
     pub const fn is_active(&self) -> bool {
         !matches!(self.phase, StopPhase::None)
     }
 
-    /// Somebody new waits for a quick stop whose deadline has passed: it gets a deadline again.
-    pub const fn set_deadline(&mut self, until: Duration) {
-        if matches!(self.phase, StopPhase::Quick { until: None }) {
-            self.phase = StopPhase::Quick { until: Some(until) };
+    /// Whether anybody waits for the axis to stand, or a stop is under way.
+    pub fn awaits_standstill(&self) -> bool {
+        self.is_active() || !self.has_no_waiter()
+    }
+
+    /// Bit 8 rises.
+    pub const fn begin_halt(&mut self) {
+        self.halt = Halt {
+            is_on: true,
+            ..Halt::OFF
+        };
+    }
+
+    /// Bit 8 was sent low.
+    pub const fn release(&mut self, seen: Timer) {
+        self.halt = Halt::OFF;
+        self.released = seen;
+    }
+
+    /// Whether bit 8 is high, or its low not surely seen.
+    pub const fn is_halted(&self) -> bool {
+        self.halt.is_on || !self.released.is_over()
+    }
+
+    /// Bit 2 falls, and the axis is to stand by then.
+    pub const fn begin_quick(&mut self, left: Timer) {
+        self.phase = StopPhase::Quick { left };
+        self.quick = QuickStop::NEW;
+    }
+
+    /// How long the stop under way may still take; `standstill` where there is none.
+    pub const fn left(&self, standstill: Timer) -> Timer {
+        match self.phase {
+            StopPhase::Quick { left } | StopPhase::Settling { left } => left,
+            StopPhase::None | StopPhase::Halting { .. } | StopPhase::Off { .. } => standstill,
         }
+    }
+
+    /// One cycle of bit 8 and of who waits for it.
+    pub fn step_halt(&mut self, step: &Step<'_>, has_motion: bool) -> StopStep {
+        self.released.pass(step.elapsed);
+        if !self.halt.is_on {
+            return StopStep::Nothing;
+        }
+        let halt = &mut self.halt;
+        let was_seen = halt.is_seen();
+        match &mut halt.seen {
+            Some(left) => left.pass(step.elapsed),
+            None if step.delivered && step.sends_halt() => {
+                halt.seen = Some(step.seen);
+                return StopStep::HaltDelivered;
+            }
+            None => {}
+        }
+        if !halt.is_seen() {
+            return StopStep::Nothing;
+        }
+        if !was_seen && has_motion {
+            // With a set-point that may have set it off just before, rest counts from now on.
+            return StopStep::HaltSeen;
+        }
+        if step.stands() {
+            halt.deceleration = DecelerationMonitor::new();
+            return StopStep::Halted;
+        }
+        halt.deceleration
+            .update(step.elapsed, step.position(), step.bounds);
+        if self.halt.unwatched && self.ignores_halt() {
+            return StopStep::Quick;
+        }
+        StopStep::Nothing
+    }
+
+    /// Whether the axis is as fast with bit 8 as it was.
+    pub const fn ignores_halt(&self) -> bool {
+        self.halt.deceleration.ignores_stop()
+    }
+
+    /// Whether bit 8 has brought the axis to rest.
+    pub const fn stands_halted(&self, step: &Step<'_>) -> bool {
+        self.halt.is_on && self.halt.is_seen() && step.stands()
+    }
+
+    /// One cycle of a stop.
+    pub fn step(&mut self, step: &Step<'_>) -> StopStep {
+        let stands_halted = self.stands_halted(step);
+        let state = step.state;
+        let elapsed = step.elapsed;
+        match &mut self.phase {
+            StopPhase::None => StopStep::Nothing,
+            StopPhase::Halting { left, from } => {
+                left.pass(elapsed);
+                let near = step.bounds.position.saturating_mul(SETTLES_WITHIN);
+                *from = from.filter(|&from| step.bounds.distance(from, step.position()) <= near);
+                let (is_late, lent) = (left.is_over(), from.is_some());
+                if lent && stands_halted {
+                    StopStep::OverHalted
+                } else if stands_halted || is_late || self.ignores_halt() {
+                    // Quick stop has the other half of the time.
+                    StopStep::Quick
+                } else {
+                    StopStep::Nothing
+                }
+            }
+            StopPhase::Quick { left } => {
+                left.pass(elapsed);
+                let is_late = left.is_over();
+                let holds = state == State::QuickStopActive
+                    && step.config.quick_stop.stays_in_quick_stop_active();
+                let off = matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled);
+                if (holds && step.stands()) || (off && step.is_at_rest()) {
+                    StopStep::QuickStopped
+                } else if self.ignores_quick_stop(step) {
+                    StopStep::GiveUp(Failure::QuickStopIgnored)
+                } else if !is_late {
+                    StopStep::Nothing
+                } else if step.stands() && state == State::QuickStopActive {
+                    // A drive that stays there although 605Ah said otherwise when it was read is believed in the end.
+                    StopStep::QuickStopped
+                } else if state == State::OperationEnabled && self.quick.seen.is_some() {
+                    StopStep::GiveUp(Failure::QuickStopIgnored)
+                } else {
+                    StopStep::GiveUp(step.timeout(step.standstill(), Delivery::NotSent))
+                }
+            }
+            StopPhase::Settling { left } => {
+                left.pass(elapsed);
+                let powered = matches!(state, State::OperationEnabled | State::QuickStopActive);
+                let has_no_power = is_down(state) || state.is_fault();
+                if powered && !step.disables() {
+                    StopStep::StopAgain
+                } else if step.is_at_rest_for_good() && (!self.off || has_no_power) {
+                    StopStep::Over
+                } else if left.is_over() {
+                    StopStep::Fail(step.timeout(step.standstill(), Delivery::NotSent))
+                } else {
+                    StopStep::Nothing
+                }
+            }
+            StopPhase::Off { left } => {
+                left.pass(elapsed);
+                if is_down(state) && step.is_at_rest() {
+                    StopStep::Over
+                } else if left.is_over() && is_down(state) {
+                    StopStep::Fail(step.timeout(step.standstill(), Delivery::NotSent))
+                } else if left.is_over() {
+                    let waiting_for = WaitingFor::State(State::SwitchOnDisabled);
+                    StopStep::Fail(step.timeout(waiting_for, Delivery::NotSent))
+                } else {
+                    StopStep::Nothing
+                }
+            }
+        }
+    }
+
+    /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower.
+    fn ignores_quick_stop(&mut self, step: &Step<'_>) -> bool {
+        if step.state != State::OperationEnabled {
+            self.quick = QuickStop::NEW;
+            return false;
+        }
+        let quick = &mut self.quick;
+        match &mut quick.seen {
+            Some(left) => left.pass(step.elapsed),
+            None if step.delivered && step.sends_quick_stop() => quick.seen = Some(step.seen),
+            None => {}
+        }
+        if step.stands() {
+            quick.deceleration = DecelerationMonitor::new();
+        } else if quick.seen.is_some_and(Timer::is_over) {
+            quick
+                .deceleration
+                .update(step.elapsed, step.position(), step.bounds);
+        }
+        quick.deceleration.ignores_stop()
+    }
+
+    /// Time passes for those who wait for a halt; the first whose time is over.
+    pub fn pass_time_of_waiters(&mut self, step: &Step<'_>) -> Option<CommandId> {
+        for (_, wait) in self.waiters.iter_mut().flatten() {
+            if let Wait::Halt { left } = wait {
+                left.pass(step.elapsed);
+            }
+        }
+        self.take_waiter(|wait| matches!(wait, Wait::Halt { left } if left.is_over()))
     }
 
     /// Adds a waiter; false when there is no room. One that waits already waits on.
     pub fn wait(&mut self, id: CommandId, wait: Wait) -> bool {
-        if self
-            .waiters
-            .iter()
-            .flatten()
-            .any(|(waiter, _)| *waiter == id)
-        {
+        let mut waiting = self.waiters.iter().flatten();
+        if waiting.any(|(waiter, _)| *waiter == id) {
             return true;
         }
         match self.waiters.iter_mut().find(|place| place.is_none()) {
             Some(place) => {
                 *place = Some((id, wait));
-                self.waiting += 1;
                 true
             }
             None => false,
@@ -138,9 +370,6 @@ impl Stopping {
 
     /// Whoever waits for a halt waits for the standstill alone. Whether there is anybody.
     pub fn halts_become_stops(&mut self) -> bool {
-        if self.has_no_waiter() {
-            return false;
-        }
         let mut waits = false;
         for (_, wait) in self.waiters.iter_mut().flatten() {
             if matches!(wait, Wait::Halt { .. }) {
@@ -151,7 +380,7 @@ impl Stopping {
         waits
     }
 
-    /// Takes one waiter, and the answer that it was to get instead of the end of its stop.
+    /// Takes one waiter, and the answer that it is to get in place of the end of its stop.
     pub fn next_waiter(&mut self) -> Option<(CommandId, Option<Failure>)> {
         let (id, wait) = self.take(|_| true)?;
         let failure = match wait {
@@ -161,8 +390,8 @@ impl Stopping {
         Some((id, failure))
     }
 
-    pub const fn has_no_waiter(&self) -> bool {
-        self.waiting == 0
+    pub fn has_no_waiter(&self) -> bool {
+        self.waiters.iter().all(Option::is_none)
     }
 
     /// Takes one waiter for which `which` holds.
@@ -171,186 +400,19 @@ impl Stopping {
     }
 
     fn take(&mut self, which: impl Fn(Wait) -> bool) -> Option<(CommandId, Wait)> {
-        if self.has_no_waiter() {
-            return None;
-        }
         let mut places = self.waiters.iter_mut();
         let place = places.find(|place| place.is_some_and(|(_, wait)| which(wait)))?;
-        self.waiting -= 1;
         place.take()
     }
-}
 
-// Whether an axis gets slower after bit 8. A drive may ignore it, and an axis that was to stop runs on.
-
-/// How long each speed is measured for at least: long against the jitter of a cycle, short against the way to a person.
-const SPAN: Duration = Duration::from_millis(100);
-
-/// And until way and time have come to this, in counts times nanoseconds: then what a ramp of 40 s takes from the way of the next span is two
-/// counts, more than what is lost by counting in whole ones.
-const MEASURED: u128 = 80 * 1_000_000_000;
-
-/// From one span to the next an axis on a ramp loses more than this part of its speed, one in so many: on a linear ramp of up to
-/// 400 s, and on a smooth one (sin²), which begins with next to nothing, of up to 14 s.
-const LEAST_PART: u128 = 4_000;
-
-/// The speed of a halted axis, by its positions, from when its drive has surely seen bit 8.
-#[derive(Debug, Clone, Copy, Hash, Default)]
-pub(super) struct DecelerationMonitor {
-    span: Option<Span>,
-    /// The way of the span before, and how long that was.
-    before: Option<(u64, Duration)>,
-    ignores_stop: bool,
-}
-
-/// A measurement under way.
-#[derive(Debug, Clone, Copy, Hash)]
-struct Span {
-    since: Duration,
-    position: i32,
-    way: i64,
-}
-
-impl DecelerationMonitor {
-    /// Whether in the last span the axis was under way, and as fast as in the one before.
-    pub const fn ignores_stop(&self) -> bool {
-        self.ignores_stop
-    }
-
-    /// Takes in one cycle.
-    pub fn update(&mut self, now: Duration, position: i32, bounds: &Bounds) {
-        let begin = Span {
-            since: now,
-            position,
-            way: 0,
-        };
-        let span = self.span.get_or_insert(begin);
-        span.way = span.way.saturating_add(bounds.way(span.position, position));
-        span.position = position;
-        let time = now.saturating_sub(span.since);
-        let way = span.way.unsigned_abs();
-        if time < SPAN || u128::from(way) * time.as_nanos() < MEASURED {
-            return;
-        }
-        self.span = Some(begin);
-        self.ignores_stop = self.before.is_some_and(|before| {
-            way > u64::from(bounds.position) && !is_slower((way, time), before)
-        });
-        self.before = Some((way, time));
+    /// When it has something to do without a word of the drive.
+    pub fn due(&self) -> Due {
+        Due::next_if(self.is_active() || self.halt.is_on || !self.has_no_waiter())
+            .sooner(self.released.due())
     }
 }
 
-/// Whether the first of two ways, each in its time, was gone more slowly than the second.
-fn is_slower(this: (u64, Duration), before: (u64, Duration)) -> bool {
-    let speed = |way: u64, other: Duration| u128::from(way).saturating_mul(other.as_nanos());
-    let (this, before) = (speed(this.0, before.1), speed(before.0, this.1));
-    this.saturating_mul(LEAST_PART) < before.saturating_mul(LEAST_PART - 1)
-}
-
-#[cfg(test)]
-mod deceleration_tests {
-    use super::*;
-    use crate::profile_position::PositionRange;
-
-    /// Whether an axis whose position after so many milliseconds is this is found to run on, within five seconds.
-    fn ignores_stop(turn: Option<PositionRange>, at: impl Fn(f64) -> f64) -> Option<u32> {
-        ignores_stop_within(10, turn, at)
-    }
-
-    /// The same with another position window.
-    fn ignores_stop_within(
-        window: u32,
-        turn: Option<PositionRange>,
-        at: impl Fn(f64) -> f64,
-    ) -> Option<u32> {
-        let settle = Duration::from_millis(100);
-        let bounds = Bounds::new(window, None, settle, Duration::from_millis(1), turn);
-        let mut deceleration = DecelerationMonitor::default();
-        (0..5_000).find(|&cycle| {
-            let position = at(f64::from(cycle)).round() as i64;
-            let position = turn.map_or(position as i32, |turn| turn.wrap(position));
-            deceleration.update(Duration::from_millis(cycle.into()), position, &bounds);
-            deceleration.ignores_stop()
-        })
-    }
-
-    #[test]
-    fn one_that_is_as_fast_as_before_or_faster_runs_on_after_two_spans() {
-        let turn = PositionRange { min: 0, max: 3_599 };
-        for turn in [None, Some(turn)] {
-            for (speed, found) in [
-                (-50.0, 200),
-                (12.0, 200),
-                (8.0, 200),
-                (7.0, 214),
-                (-1.0, 566),
-                (0.2, 1_903),
-            ] {
-                assert_eq!(ignores_stop(turn, |ms| speed * ms), Some(found), "{speed}");
-            }
-            assert_eq!(ignores_stop(turn, |ms| 0.01 * ms * ms), Some(324), "faster");
-        }
-    }
-
-    #[test]
-    fn one_that_gets_slower_by_less_than_the_least_part_runs_on() {
-        // In each span it goes one count less, of about 5000.
-        let way = |ms: f64| 50.0 * ms - (ms / 100.0) * (ms / 100.0 - 1.0) / 2.0;
-        assert_eq!(ignores_stop(None, way), Some(200));
-    }
-
-    #[test]
-    fn one_that_goes_no_further_than_its_window_in_a_span_stands() {
-        for (speed, found) in [(9.0, None), (9.01, Some(200))] {
-            assert_eq!(ignores_stop_within(900, None, |ms| speed * ms), found);
-        }
-    }
-
-    #[test]
-    fn the_least_part_is_lost_by_one_that_gets_slower() {
-        let second = Duration::from_secs(1);
-        let before = (4_000, second);
-        assert!(!is_slower((3_999, second), before));
-        assert!(is_slower((3_998, second), before));
-        assert!(is_slower((3_999, second + Duration::from_nanos(1)), before));
-    }
-
-    #[test]
-    fn one_on_a_ramp_does_not_run_on_however_gentle_that_is() {
-        for seconds in [0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0] {
-            // So many counts a millisecond at first, linear.
-            for speed in [0.05, 0.2, 0.5, 1.0, 3.0, 20.0, 300.0] {
-                let end = seconds * 1_000.0;
-                let linear = |ms: f64| {
-                    let ms = ms.min(end);
-                    speed * (ms - ms * ms / (2.0 * end))
-                };
-                assert_eq!(ignores_stop(None, linear), None, "{speed}, {seconds} s");
-            }
-        }
-        for seconds in [0.1, 1.0, 5.0, 8.0] {
-            // The same as a sin² ramp, which begins with no deceleration at all.
-            let end = seconds * 1_000.0;
-            let smooth = |ms: f64| {
-                let ms = ms.min(end);
-                let turn = core::f64::consts::PI / end;
-                10.0 * (ms + (turn * ms).sin() / turn)
-            };
-            assert_eq!(ignores_stop(None, smooth), None, "{seconds} s, sin²");
-        }
-    }
-
-    #[test]
-    fn one_that_stands_or_comes_to_rest_does_not_run_on() {
-        assert_eq!(ignores_stop(None, |_| 5.0), None);
-        let swinging = |ms: f64| 4.0 * (ms / 30.0).sin();
-        assert_eq!(ignores_stop(None, swinging), None);
-    }
-
-    #[test]
-    fn one_that_gets_slower_and_then_fast_again_runs_on() {
-        // To a target, and on to the next one.
-        let way = |ms: f64| 2_000.0 * (ms / 500.0).sin() + 4.0 * ms;
-        assert!(ignores_stop(None, way).is_some_and(|found| found > 200));
-    }
+/// What a stop that has ended well says.
+pub(super) const fn stopped(state: State) -> Result<Completion, Failure> {
+    Ok(Completion::Stopped { state })
 }

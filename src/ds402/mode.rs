@@ -162,8 +162,7 @@ impl StopOptions {
 
 /// The windows and times by which a drive compares its velocity in Profile Velocity mode, 606Dh to 6070h, as read from it; none where it
 /// has no such object, or one of another size. Drives differ in their units and in what 6070h means, so that none of them decides whether an
-/// axis stands. Where [`Traits::threshold_in_velocity_units`](crate::profile_position::Traits::threshold_in_velocity_units) says that 606Fh
-/// has the unit of 606Ch, it becomes [`Tolerances::velocity`](crate::axis::Tolerances::velocity).
+/// axis stands: they are shown.
 ///
 /// ```
 /// use servocrab::ds402::VelocityWindows;

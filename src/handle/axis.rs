@@ -251,14 +251,9 @@ impl<U: AxisUnit> Axis<U> {
     /// reset is under way. [`Failure::Disabled`](crate::axis::Failure::Disabled) where the axis is disabled meanwhile. Also when the axis is not
     /// seen to stand within the deadline for standstill, or the bus is lost.
     pub async fn reset_fault(&self) -> Result<(), AxisError> {
-        match self.run(Command::ResetFault).await {
-            Err(error) if matches!(error.failure(), Some(Failure::NoFault { .. })) => Ok(()),
-            Err(error) => Err(error),
-            Ok(_) => {
-                self.trace("fault reset");
-                Ok(())
-            }
-        }
+        self.run(Command::ResetFault).await?;
+        self.trace("fault reset");
+        Ok(())
     }
 
     /// The latest snapshot.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::{
     axis::{Command, Delivery, Failure},
-    coe::{DriveId, ObjectAddress, SdoError},
+    coe::{DriveId, ObjectAddress, SdoError, obj},
     ds402::{Controlword, Statusword},
     pdo_map::LayoutError,
     units::{AxisUnit, Counts, Scale, ScaleError},
@@ -196,49 +196,34 @@ impl ErrorUnit {
                 at(actual.into()),
                 at(target.into())
             ),
-            Failure::Unseen { target, actual } => write!(
+            Failure::Unknown {
+                doubt,
+                actual,
+                statusword,
+                controlword,
+            } => write!(
                 f,
-                "the drive has gone on to the next move while nothing was seen of the axis, which is at {} {name}: whether it was at {} {name} is not known",
-                at(actual.into()),
-                at(target.into())
-            ),
-            Failure::EndNotKnown { actual } => write!(
-                f,
-                "the drive reports its target reached at {} {name}, which is not where the distance leads from where the axis was: it counts from elsewhere or has limited the move; look for a limit in the drive",
-                at(actual.into())
-            ),
-            Failure::NotBegun { actual } => write!(
-                f,
-                "the drive has acknowledged the move and has not begun it, the axis stands at {} {name}: it may begin at any time; stop() it, and look for a brake or an input that holds it",
-                at(actual.into())
-            ),
-            Failure::Unconfirmed { target, actual } => write!(
-                f,
-                "the drive has not acknowledged the move, its buffer was full, and stands at {} {name} instead of {} {name}: it may not have taken it",
-                at(actual.into()),
-                at(target.into())
-            ),
-            Failure::PerhapsSuperseded { actual } => write!(
-                f,
-                "the axis stands at {} {name}, and a later move that the drive has not acknowledged may have taken this one's place: stop() before the next",
+                "{doubt}; the axis was at {} {name} (statusword {statusword}, controlword {controlword})",
                 at(actual.into())
             ),
             Failure::BeyondLimit {
                 object,
                 limit,
-                target,
-            } => write!(
-                f,
-                "the target {} {name} lies beyond the limit {} {name} of {object}: move within it, or change it and read the limits again",
-                at(target),
-                at(limit)
-            ),
-            Failure::TooFast { limit, velocity } => write!(
-                f,
-                "the velocity {} {name}/s is above max profile velocity 607Fh, {} {name}/s: the drive would not go as fast",
-                scale.velocity_of(velocity),
-                scale.velocity_of(limit)
-            ),
+                asked,
+            } => {
+                let (asked, limit, per) = if object == obj::MAX_PROFILE_VELOCITY.address() {
+                    let speed = |counts: i64| {
+                        scale.velocity_of(u32::try_from(counts).unwrap_or(u32::MAX))
+                    };
+                    (speed(asked), speed(limit), "/s")
+                } else {
+                    (at(asked), at(limit), "")
+                };
+                write!(
+                    f,
+                    "{asked} {name}{per} lies beyond the limit {limit} {name}{per} of {object}: stay within it, or change it and read the limits again"
+                )
+            }
             failure => fmt::Display::fmt(&failure, f),
         }
     }

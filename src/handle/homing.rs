@@ -9,7 +9,7 @@ use core::{
 };
 
 use crate::{
-    axis::{Command, Completion, Delivery, Failure, WaitingFor},
+    axis::{Command, Completion, Delivery, Failure, ParameterFault, WaitingFor},
     coe::{Number, Object, Writable, obj},
     ds402::Mode,
     homing::{HomingCommand, HomingParameters},
@@ -262,7 +262,10 @@ impl<U: AxisUnit> Homing<U> {
             ),
         ];
         if let Some((.., name)) = speeds.iter().find(|(value, ..)| *value == Some(0)) {
-            let kind = AxisErrorKind::Failed(Failure::Zero(name));
+            let kind = AxisErrorKind::Failed(Failure::Parameter {
+                name,
+                fault: ParameterFault::Zero,
+            });
             return Err(self.axis.handles.shared.error(kind));
         }
         self.put(obj::HOMING_METHOD, parameters.method.0).await?;

@@ -10,7 +10,7 @@ use core::{
 use std::sync::Arc;
 
 use crate::{
-    axis::{Command, Completion, Failure, StopRequest},
+    axis::{Command, Completion, Failure, ParameterFault, StopRequest},
     profile_position::{MoveCommand, Reference, SetPoint},
     units::{AxisUnit, Counts},
 };
@@ -243,7 +243,10 @@ impl CountsRequest {
         let fields = &handles.shared.setup.fields;
         let by_sdo = BySdo::take(fields, &mut command.set_point.parameters);
         if let Some(name) = by_sdo.zero {
-            let failure = Failure::Zero(name);
+            let failure = Failure::Parameter {
+                name,
+                fault: ParameterFault::Zero,
+            };
             return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
         }
         Ok(SplitMove {

@@ -3,7 +3,7 @@
 use core::marker::PhantomData;
 
 use crate::{
-    axis::{Command, Failure, TARGET_VELOCITY},
+    axis::{Command, Failure, ParameterFault, TARGET_VELOCITY, Unsupported},
     ds402::Mode,
     profile_position::Parameters,
     profile_velocity::JogSetPoint,
@@ -55,7 +55,7 @@ impl<U: AxisUnit> Axis<U> {
     /// let go.
     ///
     /// # Errors
-    /// [`Failure::ModeNotSupported`] where 6502h does not name mode 3. [`Failure::NotMapped`] if 60FFh is not mapped.
+    /// [`Unsupported::Mode`](crate::axis::Unsupported::Mode) where 6502h does not name mode 3. [`Failure::Parameter`] if 60FFh is not mapped.
     /// [`AxisErrorKind::ModeInUse`] while another lease exists. Otherwise when the drive does not show the mode in time, the axis moves or is halted in
     /// another mode, the axis was stopped meanwhile, or the bus is lost.
     pub async fn profile_velocity(&self) -> Result<ProfileVelocity<U>, AxisError> {
@@ -64,11 +64,14 @@ impl<U: AxisUnit> Axis<U> {
         // First: to map 60FFh would not help.
         let supported = shared.drive_settings().supported_modes;
         if supported.is_some_and(|modes| !modes.allows(mode)) {
-            let failure = Failure::ModeNotSupported { mode };
+            let failure = Failure::Unsupported(Unsupported::Mode(mode));
             return Err(shared.error(AxisErrorKind::Failed(failure)));
         }
         if shared.setup.fields.target_velocity.is_none() {
-            let failure = Failure::NotMapped(TARGET_VELOCITY);
+            let failure = Failure::Parameter {
+                name: TARGET_VELOCITY,
+                fault: ParameterFault::NotMapped,
+            };
             return Err(shared.error(AxisErrorKind::Failed(failure)));
         }
         let lease = Lease::take(&self.handles)?;
@@ -110,7 +113,10 @@ impl<U: AxisUnit> ProfileVelocity<U> {
         };
         let by_sdo = BySdo::take(&handles.shared.setup.fields, &mut ramps);
         if let Some(name) = by_sdo.zero {
-            let failure = Failure::Zero(name);
+            let failure = Failure::Parameter {
+                name,
+                fault: ParameterFault::Zero,
+            };
             return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
         }
         set_point.acceleration = ramps.acceleration;

@@ -16,9 +16,9 @@ use crossbeam_queue::ArrayQueue;
 use crate::{
     axis::{
         AxisCore, Command, CommandId, Completion, CoreConfig, Delivery, DriveSettings, Event,
-        Failure, Reattach, Snapshot, SnapshotChange, StopRequest, WorkingCounter,
+        Failure, FailureClass, Reattach, Snapshot, SnapshotChange, StopRequest, Unsupported, WorkingCounter,
     },
-    coe::{CodeCounts, ObjectAddress},
+    coe::{CodeCounts, ObjectAddress, obj},
     ds402::{Controlword, Mode, State},
     wakes::{End, Waiters, Wakes, stored},
 };
@@ -894,9 +894,10 @@ impl Shared {
         let limit = self.max_velocity.load(Ordering::Acquire);
         let speed = velocity.unwrap_or(0).unsigned_abs();
         if limit != 0 && speed > limit {
-            return Err(Failure::TooFast {
-                limit,
-                velocity: speed,
+            return Err(Failure::BeyondLimit {
+                object: obj::MAX_PROFILE_VELOCITY.address(),
+                limit: limit.into(),
+                asked: speed.into(),
             });
         }
         if let Some(slot) = self.slots.of(id) {
@@ -1423,7 +1424,10 @@ impl Shared {
                     if !slot.ends(result) {
                         return;
                     }
-                    if !is_told && matches!(result, Err(Failure::HaltIgnored | Failure::HaltCoasts))
+                    if !is_told && matches!(
+                            result,
+                            Err(Failure::HaltIgnored | Failure::Unsupported(Unsupported::Halt))
+                        )
                     {
                         // As of every halt that nobody waits for: it goes on to the quick stop.
                         self.request_stop(StopRequest::HALT);
@@ -1645,9 +1649,9 @@ impl AxisPort {
         }
         if change == SnapshotChange::Motion || inputs.is_some() {
             let (position, velocity) = core.motion();
-            self.publish_motion(core.cycle, motion(position, velocity), inputs);
+            self.publish_motion(core.cycle(), motion(position, velocity), inputs);
         } else {
-            self.shared.status.tick(core.cycle);
+            self.shared.status.tick(core.cycle());
         }
         None
     }
@@ -1673,7 +1677,7 @@ impl AxisPort {
         inputs: Option<&[u8]>,
     ) -> Option<Snapshot> {
         if change == SnapshotChange::Silence && inputs.is_none() {
-            self.publish_silence(core.cycle, core.age());
+            self.publish_silence(core.cycle(), core.age());
             None
         } else {
             Some(self.publish_anew(core, inputs))
@@ -1908,41 +1912,24 @@ impl MotionEnd {
     ];
 
     const fn of(result: &Result<Completion, Failure>) -> Self {
-        match result {
+        let failure = match result {
             Ok(Completion::Reached { .. } | Completion::Prepared { .. } | Completion::Done) => {
-                Self::Reached
+                return Self::Reached;
             }
-            Ok(Completion::Passed { .. }) => Self::Passed,
-            Ok(Completion::Homed { .. }) => Self::Homed,
-            Ok(Completion::Stopped { .. })
-            | Err(
-                Failure::Halted { .. }
-                | Failure::QuickStopped { .. }
-                | Failure::Disabled { .. }
-                | Failure::HomingHalted
-                | Failure::LivenessExpired
-                | Failure::NotHeld,
-            ) => Self::Stopped,
-            Err(Failure::Superseded | Failure::PerhapsSuperseded { .. }) => Self::Superseded,
-            Err(Failure::Fault { .. }) => Self::Fault,
-            Err(
-                Failure::BusLost { .. }
-                | Failure::LeftOp { .. }
-                | Failure::Undelivered { .. }
-                | Failure::ClockJumped,
-            ) => Self::Lost,
-            Err(Failure::MissedTarget { .. } | Failure::NotBegun { .. }) => Self::Missed,
-            Err(
-                Failure::Unseen { .. } | Failure::EndNotKnown { .. } | Failure::Unconfirmed { .. },
-            ) => Self::Unknown,
-            Err(
-                Failure::Timeout { .. }
-                | Failure::HomingError { .. }
-                | Failure::HaltIgnored
-                | Failure::HaltCoasts
-                | Failure::QuickStopIgnored,
-            ) => Self::Failed,
-            Err(_) => Self::Refused,
+            Ok(Completion::Passed { .. }) => return Self::Passed,
+            Ok(Completion::Homed { .. }) => return Self::Homed,
+            Ok(Completion::Stopped { .. }) => return Self::Stopped,
+            Err(failure) => failure,
+        };
+        match failure.class() {
+            _ if matches!(failure, Failure::Superseded) => Self::Superseded,
+            _ if matches!(failure, Failure::Fault { .. }) => Self::Fault,
+            FailureClass::Aborted => Self::Stopped,
+            FailureClass::Lost => Self::Lost,
+            FailureClass::Missed => Self::Missed,
+            FailureClass::Unknown => Self::Unknown,
+            FailureClass::Late | FailureClass::DriveFault => Self::Failed,
+            FailureClass::Refused => Self::Refused,
         }
     }
 }

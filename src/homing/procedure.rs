@@ -1,20 +1,19 @@
 //! Bit 4 of the controlword and bits 10, 12 and 13 of the statusword in homing mode.
 //!
-//! Contract: the axis core calls [`Procedure::step`] in every cycle with fresh inputs in Operation enabled with mode 6
-//! shown, [`Procedure::outside`] in the others, and puts [`Procedure::bits`] into the next controlword. Whatever ends the
-//! homing is reported by [`Procedure::fail`], after which bit 4 stays as it is until [`Procedure::lower`].
+//! Contract: the axis core calls [`Procedure::step`] in every cycle with inputs in Operation enabled with mode 6 shown,
+//! [`Procedure::outside`] in the others, and puts [`Procedure::bits`] into the next controlword. Whatever ends the homing is reported by
+//! [`Procedure::fail`], after which bit 4 stays as it is until [`Procedure::lower`].
 //!
 //! What the three bits mean is the table of CiA DSP 402 v2.0, 13.2.2 (statusword in homing mode), as bits 13, 12, 10:
 //! 000 in progress, 001 interrupted or not started, 010 attained and not yet at rest, 011 done, 100 error and moving,
 //! 101 error at rest.
 
-use core::time::Duration;
-
 use crate::{
-    ds402::{Controlword, ModeBits, Statusword},
+    ds402::{Controlword, ModeBits},
     profile_position::{
-        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, ShownFor, WaitingFor,
+        Bit, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, Failure, WaitingFor,
     },
+    timer::{Due, Lasting, Timer},
 };
 
 use super::HomingCommand;
@@ -24,8 +23,8 @@ use super::HomingCommand;
 enum HomingPhase {
     /// Bit 4 is low; a homing may be waiting to be started.
     Low {
-        /// Since when it is known to have been delivered low in this mode.
-        delivered: Option<Duration>,
+        /// Since it is known to have been delivered low in this mode: until the drive has surely seen that.
+        seen: Option<Timer>,
         waiting: Option<(CommandId, HomingCommand)>,
     },
     High(Run),
@@ -38,7 +37,7 @@ enum HomingPhase {
 }
 
 const LOW: HomingPhase = HomingPhase::Low {
-    delivered: None,
+    seen: None,
     waiting: None,
 };
 
@@ -59,16 +58,11 @@ pub(crate) enum HomingVerdict {
 #[derive(Debug, Clone, Hash)]
 pub(crate) struct Procedure {
     stage: HomingPhase,
-    /// How long an axis with an error may take to come to rest.
-    standstill: Duration,
 }
 
 impl Procedure {
-    pub const fn new(standstill: Duration) -> Self {
-        Self {
-            stage: LOW,
-            standstill,
-        }
+    pub const fn new() -> Self {
+        Self { stage: LOW }
     }
 
     /// Bit 4 of the next controlword.
@@ -93,14 +87,15 @@ impl Procedure {
         matches!(self.stage, HomingPhase::Low { waiting: None, .. })
     }
 
-    /// Whether a cycle like the last one changes nothing. `in_mode`: the drive is enabled and shows mode 6, if it is to.
-    pub const fn allows_idle_path(&self, in_mode: bool) -> bool {
+    /// When it has something to do without a word of the drive. `in_mode`: it is stepped then.
+    pub const fn due(&self, in_mode: bool) -> Due {
         match self.stage {
             HomingPhase::Low {
                 waiting: None,
-                delivered,
-            } => delivered.is_some() || !in_mode,
-            _ => false,
+                seen: Some(_),
+            } => Due::NEVER,
+            HomingPhase::Low { .. } | HomingPhase::High(_) => Due::next_if(in_mode),
+            HomingPhase::Abandoned | HomingPhase::Halted | HomingPhase::Unknown => Due::NEVER,
         }
     }
 
@@ -141,11 +136,10 @@ impl Procedure {
     }
 
     /// The outputs composed last have been sent. Whether a homing has begun with them.
-    pub fn mark_sent(&mut self, now: Duration) -> bool {
+    pub const fn mark_sent(&mut self) -> bool {
         match &mut self.stage {
             HomingPhase::High(run) if !run.sent => {
                 run.sent = true;
-                run.since = now;
                 true
             }
             _ => false,
@@ -182,53 +176,38 @@ impl Procedure {
 
     /// A cycle in another mode or state: what bit 4 was there counts for nothing here.
     pub const fn outside(&mut self) {
-        if let HomingPhase::Low { delivered, .. } = &mut self.stage {
-            *delivered = None;
+        if let HomingPhase::Low { seen, .. } = &mut self.stage {
+            *seen = None;
         }
     }
 
-    /// One cycle with fresh inputs in Operation enabled and mode 6.
+    /// One cycle with inputs in Operation enabled and mode 6.
     pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> HomingVerdict {
         match &mut self.stage {
-            HomingPhase::Low { delivered, waiting } => {
+            HomingPhase::Low { seen, waiting } => {
                 let low = !cycle.controlword.contains(Controlword::HOMING_START);
-                if low && cycle.delivered {
-                    delivered.get_or_insert(cycle.now);
+                match seen {
+                    Some(left) => left.pass(cycle.elapsed),
+                    None if low && cycle.delivered => *seen = Some(cycle.rules.seen()),
+                    None => {}
                 }
-                // The drive has surely seen bit 4 low in this mode, and shows the bits of this mode, after two of its cycles.
-                let seen = delivered.is_some_and(|since| cycle.is_seen(since));
-                if let Some((_, command)) = *waiting
-                    && command.is_late(cycle.now)
-                {
-                    let failure = Failure::Timeout {
-                        waiting_for: WaitingFor::HomingEnd,
-                        statusword: cycle.sample.statusword,
-                        controlword: cycle.controlword,
-                        delivery: Delivery::NotSent,
-                    };
-                    self.withdraw_unsent(failure, events);
-                } else if let Some((id, command)) = *waiting
-                    && seen
-                    && cycle.delivered
-                    && !cycle.halted
-                {
-                    self.stage = HomingPhase::High(Run::new(id, command, cycle));
+                // The drive has surely seen bit 4 low in this mode, and shows the bits of this mode.
+                let is_seen = seen.is_some_and(Timer::is_over);
+                if let Some((id, command)) = *waiting {
+                    if command.is_late(cycle.now) {
+                        let failure = cycle.timeout(WaitingFor::HomingEnd, Delivery::NotSent);
+                        self.withdraw_unsent(failure, events);
+                    } else if is_seen && cycle.delivered && !cycle.halted {
+                        self.stage = HomingPhase::High(Run::new(id, command, cycle));
+                    }
                 }
                 HomingVerdict::GoOn
             }
             HomingPhase::High(run) if run.sent => {
-                let was_begun = run.begun;
-                // A halted one ends at standstill, to which it has to come in time. Its own time goes on.
-                let end = if cycle.halted {
-                    let since = *run.halted_since.get_or_insert(cycle.now);
-                    let late = cycle.now.saturating_sub(since) >= self.standstill;
-                    (late || run.is_late(cycle)).then(|| Err(run.timeout(cycle)))
-                } else {
-                    run.halted_since = None;
-                    run.step(cycle, self.standstill)
-                };
-                let id = run.id;
-                if run.begun && !was_begun {
+                let had_begun = run.has_begun();
+                let end = run.step(cycle);
+                let (id, begins) = (run.id, run.has_begun() && !had_begun);
+                if begins {
                     events.push(id, Event::Accepted);
                 }
                 match end {
@@ -285,259 +264,260 @@ impl Procedure {
 
 // A homing whose bit 4 is high: what the drive's bits say of it, and not of an earlier one.
 
+/// A bit that an earlier homing may have left high.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Left {
+    /// It was low when bit 4 rose.
+    Low,
+    /// It was high, and has been since.
+    High,
+    /// It was high, and has been low since.
+    Fallen,
+}
+
+impl Left {
+    const fn of(bit: Bit) -> Self {
+        if bit.shows_high() {
+            Self::High
+        } else {
+            Self::Low
+        }
+    }
+
+    fn note(&mut self, bit: Bit) {
+        if *self == Self::High && bit.is_low() {
+            *self = Self::Fallen;
+        }
+    }
+}
+
+/// How far the drive is with it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Progress {
+    None,
+    /// It is at work on this one, for all that shows.
+    Begun,
+    /// It was surely at work: "in progress" was news.
+    Worked,
+}
+
 /// A homing whose bit 4 is high.
 #[derive(Debug, Clone, Copy, Hash)]
 struct Run {
-    pub id: CommandId,
+    id: CommandId,
     command: HomingCommand,
-    pub sent: bool,
-    /// When bit 4 was sent.
-    pub since: Duration,
-    /// When it is known to have been delivered.
-    delivered: Option<Duration>,
-    /// Bit 12 was high when bit 4 rose: of an earlier homing, until it has been low.
-    stale_attained: bool,
-    /// Whether it was: then one word without it is no edge.
-    was_attained: bool,
-    /// Bit 13, likewise.
-    stale_error: bool,
-    /// Since when bit 13 has been low.
-    no_error_since: Option<Duration>,
-    /// The bits said "in progress" before bit 4 rose, and have since: they do of some drives at rest.
-    stale_progress: bool,
-    /// Since when it is halted.
-    halted_since: Option<Duration>,
-    /// Where the axis was before bit 4 rose.
-    position: i32,
-    /// Whether it has been elsewhere since.
-    left: bool,
-    /// The drive has shown that it is at work on this one.
-    pub begun: bool,
-    /// Since when it shows that it is at work on this one, and whether it has in more than one word.
-    at_work_since: Option<Duration>,
-    /// Since when bit 12 has been high without an error.
-    attained_since: Option<Duration>,
-    worked: bool,
-    /// Since when all three bits say done; whether they do for a settle time; and they have since bit 4 is known to have been delivered.
-    done_since: Option<Duration>,
-    done: ShownFor,
-    done_after: ShownFor,
-    /// Bit 12 says so of this one, and the axis stands.
-    attained: ShownFor,
-    /// Since when the drive has not been at work on this one, by bits 12 and 10.
-    over_since: Option<Duration>,
-    /// Since when the drive has shown an error, and that the axis rests with it.
-    error_since: Option<Duration>,
-    error_at_rest: ShownFor,
+    sent: bool,
+    /// Until it has to show that it has begun.
+    start: Timer,
+    /// Since bit 4 is known to have been delivered: until the drive has surely seen it.
+    seen: Option<Timer>,
+    attained: Left,
+    error: Left,
+    /// The bits said "in progress" before bit 4 rose, as they do of some drives at rest.
+    idles_in_progress: bool,
+    progress: Progress,
+    /// Where the axis was before bit 4 rose; none once it has left that place.
+    place: Option<i32>,
+    /// Since the drive has shown an error, or has not been at work any more, or the axis is halted: until it has to be at rest.
+    rest: Option<Timer>,
+    /// All three bits say done; they have since bit 4 is known to have been delivered; bit 12 does and the axis stands.
+    done: Lasting,
+    proven: Lasting,
+    rested: Lasting,
 }
 
 impl Run {
+    const fn new(id: CommandId, command: HomingCommand, cycle: &Cycle<'_>) -> Self {
+        let evidence = &cycle.evidence;
+        let idles_in_progress = is_in_progress(evidence);
+        let (acknowledge, begin) = (
+            Timer::new(cycle.rules.acknowledge),
+            Timer::new(cycle.rules.begin),
+        );
+        Self {
+            id,
+            command,
+            sent: false,
+            // It may take its time to leave.
+            start: if idles_in_progress {
+                acknowledge.longer(begin)
+            } else {
+                acknowledge
+            },
+            seen: None,
+            attained: Left::of(evidence.acknowledge),
+            error: Left::of(evidence.error),
+            idles_in_progress,
+            progress: Progress::None,
+            place: Some(evidence.position),
+            rest: None,
+            done: Lasting::NOT,
+            proven: Lasting::NOT,
+            rested: Lasting::NOT,
+        }
+    }
+
+    fn has_begun(&self) -> bool {
+        self.progress != Progress::None
+    }
+
+    fn begin(&mut self) {
+        if !self.has_begun() {
+            self.progress = Progress::Begun;
+        }
+    }
+
     /// How far it came, should it not end well.
-    pub const fn delivery(&self) -> Delivery {
-        if self.begun {
+    fn delivery(&self) -> Delivery {
+        if self.has_begun() {
             Delivery::Accepted
         } else {
             Delivery::Unknown
         }
     }
 
-    pub const fn new(id: CommandId, command: HomingCommand, cycle: &Cycle<'_>) -> Self {
-        let word = cycle.sample.statusword;
-        Self {
-            id,
-            command,
-            sent: false,
-            since: cycle.now,
-            delivered: None,
-            stale_attained: word.contains(Statusword::HOMING_ATTAINED),
-            was_attained: word.contains(Statusword::HOMING_ATTAINED),
-            stale_error: word.contains(Statusword::HOMING_ERROR),
-            no_error_since: None,
-            stale_progress: is_in_progress(word),
-            halted_since: None,
-            position: cycle.sample.position,
-            left: false,
-            begun: false,
-            at_work_since: None,
-            attained_since: None,
-            worked: false,
-            done_since: None,
-            done: ShownFor::NOT,
-            done_after: ShownFor::NOT,
-            attained: ShownFor::NOT,
-            over_since: None,
-            error_since: None,
-            error_at_rest: ShownFor::NOT,
-        }
-    }
-
     /// One cycle after bit 4 was sent; the result, once there is one.
-    pub fn step(
-        &mut self,
-        cycle: &Cycle<'_>,
-        standstill: Duration,
-    ) -> Option<Result<Completion, Failure>> {
-        let word = cycle.sample.statusword;
-        let attained = word.contains(Statusword::HOMING_ATTAINED);
-        let error = word.contains(Statusword::HOMING_ERROR);
-        let at_rest = word.contains(Statusword::TARGET_REACHED);
-        if cycle.delivered {
-            self.delivered.get_or_insert(cycle.now);
-        }
-        // The fall of what an earlier homing has left is this one's doing, and so is "in progress" where it is news. Where it
-        // is none, the axis leaves where it was, or bit 12 rises, after the drive has surely seen bit 4.
-        let fell = self.stale_attained && !attained && !error;
-        let progress = is_in_progress(word);
-        // One word may be wrong.
-        let sure = |since| cycle.is_seen(since);
-        let seen = self.delivered.is_some_and(sure);
-        let at_work = fell || progress;
-        let still = self.at_work_since.filter(|_| !attained && !error);
-        self.at_work_since = still.or(at_work.then_some(cycle.now));
-        self.worked |= self.at_work_since.is_some_and(sure);
-        let left =
-            cycle.bounds.distance(self.position, cycle.sample.position) > cycle.bounds.position;
-        let only_attained = attained && !error;
-        self.attained_since = only_attained.then(|| self.attained_since.unwrap_or(cycle.now));
-        let attained_for_sure = self.attained_since.is_some_and(sure);
-        self.left |= left;
-        self.begun |= if self.stale_progress {
-            seen && !error && (attained_for_sure || left)
-        } else {
-            at_work
-        };
-        let start = if self.stale_progress {
-            // It may take its time to leave.
-            cycle.acknowledge.max(cycle.begin)
-        } else {
-            cycle.acknowledge
-        };
-        self.stale_progress &= progress || attained;
-        self.stale_attained &= attained;
-        // One word without an old error makes none anew.
-        self.no_error_since = (!error).then(|| self.no_error_since.unwrap_or(cycle.now));
-        self.stale_error &= !self.no_error_since.is_some_and(sure);
-        let late = self.begun && cycle.now.saturating_sub(self.since) >= start;
-
-        if error && (!self.stale_error || late) {
-            self.begun |= self.error_since.is_some_and(sure);
-            return self.error(cycle, at_rest, standstill);
-        }
-        if !error {
-            self.error_since = None;
-            self.error_at_rest = ShownFor::NOT;
-        }
-        let done = attained && at_rest && !error;
-        let (now, settle) = (cycle.now, cycle.bounds.settle);
-        let held = self.done.update(now, done, settle);
-        self.done_since = done.then(|| self.done_since.unwrap_or(now));
-        let done_for_sure = self.done_since.is_some_and(sure);
-        // So long that a drive that is at work on this one would show it.
-        let long = settle.max(cycle.traits.surely_seen().saturating_mul(2));
-        let told = self.delivered.is_some();
-        let proven = self.done_after.update(now, done && told, long);
-        let mine = attained && !error && self.is_mine(cycle, proven);
-        let stands = cycle.standstill.is_standing();
-        let rested = self.attained.update(now, mine && stands, cycle.begin);
-        let is_over = self.begun && !progress && !error;
-        self.over_since = is_over.then(|| self.over_since.unwrap_or(now));
-        let over = |since: Duration| now.saturating_sub(since) >= standstill;
-        if self.is_late(cycle) || self.over_since.is_some_and(over) {
+    fn step(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
+        self.note(cycle);
+        if self.command.is_late(cycle.now) {
             return Some(Err(self.timeout(cycle)));
         }
-        self.begun |= mine;
-        // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
-        // not come, the axis' rest.
-        let started = now.saturating_sub(self.since) >= start;
-        // Where bit 12 was high before, one word without it proves nothing, however long ago it was. The axis has left where it was by then,
-        // or it reads home.
-        let was_at_work = self.worked
-            || match (self.command.method.is_motionless(), self.was_attained) {
-                (true, true) => proven && self.reads_home(cycle),
-                (true, false) => true,
-                (false, true) => started && (self.left || self.reads_home(cycle)),
-                (false, false) => started,
-            };
-        if mine && was_at_work && ((stands && done_for_sure) || held || rested) {
-            return Some(Ok(Completion::Homed {
-                position: cycle.sample.position,
-            }));
+        let evidence = &cycle.evidence;
+        let error = evidence.error.is_high();
+        let is_old = self.error == Left::High && !(self.has_begun() && self.start.is_over());
+        let is_over = self.has_begun() && !is_in_progress(evidence);
+        if cycle.halted || (error && !is_old) || is_over {
+            let left = self.rest.get_or_insert(Timer::new(cycle.rules.standstill));
+            left.pass(cycle.elapsed);
+        } else {
+            self.rest = None;
         }
-        if !self.begun && started {
+        let late = self.rest.is_some_and(Timer::is_over);
+        if cycle.halted {
+            // It ends at standstill, to which it has to come in time.
+            return late.then(|| Err(self.timeout(cycle)));
+        }
+        if error && !is_old {
+            self.begin();
+            return self.error(cycle, late);
+        }
+        if let Some(homed) = self.judge(cycle) {
+            return Some(Ok(homed));
+        }
+        if late {
+            return Some(Err(self.timeout(cycle)));
+        }
+        if !self.has_begun() && self.start.is_over() {
             if error {
                 // An error that has stood all the time. With the drive at rest it did not even begin.
-                return self.error(cycle, at_rest, standstill);
+                return self.error(cycle, true);
             }
-            return Some(Err(Failure::Timeout {
-                waiting_for: WaitingFor::HomingStart,
-                statusword: word,
-                controlword: cycle.controlword,
-                delivery: Delivery::Unknown,
-            }));
+            return Some(Err(
+                cycle.timeout(WaitingFor::HomingStart, Delivery::Unknown)
+            ));
         }
         None
     }
 
-    /// Whether its time is over.
-    pub fn is_late(&self, cycle: &Cycle<'_>) -> bool {
-        self.command.is_late(cycle.now)
+    /// Takes in what the bits and the position say of this homing.
+    fn note(&mut self, cycle: &Cycle<'_>) {
+        let (evidence, bounds) = (&cycle.evidence, cycle.rules.bounds);
+        self.start.pass(cycle.elapsed);
+        match &mut self.seen {
+            Some(left) => left.pass(cycle.elapsed),
+            None if cycle.delivered => self.seen = Some(cycle.rules.seen()),
+            None => {}
+        }
+        self.attained.note(evidence.acknowledge);
+        self.error.note(evidence.error);
+        let position = evidence.position;
+        self.place = self
+            .place
+            .filter(|&place| bounds.is_within_window(place, position));
+        let works = is_in_progress(evidence) || self.attained == Left::Fallen;
+        let seen = self.seen.is_some_and(Timer::is_over);
+        let attained = evidence.acknowledge.is_high() && !evidence.error.is_high();
+        if !self.idles_in_progress && works {
+            // The fall of what an earlier homing has left is this one's doing, and so is "in progress" where it is news.
+            self.progress = Progress::Worked;
+        } else if self.idles_in_progress && seen && (attained || self.place.is_none()) {
+            // Where it is none, the axis leaves where it was, or bit 12 rises, after the drive has surely seen bit 4.
+            self.begin();
+        }
+    }
+
+    /// Whether the drive has attained home by this homing, and rests.
+    fn judge(&mut self, cycle: &Cycle<'_>) -> Option<Completion> {
+        let (evidence, rules) = (&cycle.evidence, &cycle.rules);
+        let (elapsed, settle) = (cycle.elapsed, rules.bounds.settle);
+        let attained = evidence.acknowledge.is_high() && !evidence.error.is_high();
+        let done = attained && evidence.reached.is_high();
+        let held = self.done.update(done, settle, elapsed);
+        // So long that a drive that is at work on this one would show it.
+        let long = settle.max(rules.traits.surely_seen().saturating_mul(2));
+        let told = self.seen.is_some();
+        let proven = self.proven.update(done && told, long, elapsed);
+        let motionless = self.command.method.is_motionless();
+        let anew = self.attained != Left::High;
+        let mine = attained
+            && if self.has_begun() {
+                anew
+            } else {
+                // Nothing moves: an edge of bit 12 after bit 4 is proof. Without one, the drive has had bit 4 for so long that it would show
+                // it if it were still at work, and the axis reads what it reads at home.
+                motionless && (anew || (proven && self.reads_home(cycle)))
+            };
+        if mine {
+            self.begin();
+        }
+        let stands = evidence.stands();
+        let rested = self.rested.update(mine && stands, rules.begin, elapsed);
+        let worked = match self.progress {
+            Progress::Worked => true,
+            _ if motionless => true,
+            _ => {
+                let left = self.place.is_none() || self.reads_home(cycle);
+                self.start.is_over() && (self.attained == Left::Low || left)
+            }
+        };
+        // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
+        // not come, the axis' rest.
+        let rests = (stands && done) || held || rested;
+        let position = evidence.position;
+        (mine && worked && rests).then_some(Completion::Homed { position })
     }
 
     /// It has not ended in its time.
-    pub const fn timeout(&self, cycle: &Cycle<'_>) -> Failure {
-        Failure::Timeout {
-            waiting_for: WaitingFor::HomingEnd,
-            statusword: cycle.sample.statusword,
-            controlword: cycle.controlword,
-            delivery: self.delivery(),
-        }
-    }
-
-    /// Whether bits that say "done" say it of this homing. `proven`: they have for so long that a drive that has not begun never would.
-    fn is_mine(&self, cycle: &Cycle<'_>, proven: bool) -> bool {
-        if self.begun {
-            return !self.stale_attained;
-        }
-        if !self.command.method.is_motionless() {
-            return false;
-        }
-        // Nothing moves: "in progress" may be over within one of the drive's cycles and never be seen. An edge of bit 12
-        // after bit 4 is proof as well. Without one, the drive has had bit 4 for so long that it would show it if it were
-        // still at work, and the axis reads what it reads at home: then even a drive that has not seen bit 4 tells the truth.
-        !self.stale_attained || (self.reads_home(cycle) && proven)
+    fn timeout(&self, cycle: &Cycle<'_>) -> Failure {
+        cycle.timeout(WaitingFor::HomingEnd, self.delivery())
     }
 
     /// Whether the position is what it is at home: the home offset, with the sign that the drive gives it.
     fn reads_home(&self, cycle: &Cycle<'_>) -> bool {
         let offset = self.command.offset.unwrap_or(0);
+        let (position, bounds) = (cycle.evidence.position, cycle.rules.bounds);
         [offset, offset.wrapping_neg()]
             .into_iter()
-            .any(|home| cycle.bounds.is_within_window(home, cycle.sample.position))
+            .any(|home| bounds.is_within_window(home, position))
     }
 
+    /// The drive shows an error: the end comes at rest, or when the axis has had the time to come to it.
     fn error(
         &mut self,
         cycle: &Cycle<'_>,
-        at_rest: bool,
-        standstill: Duration,
+        late: bool,
     ) -> Option<Result<Completion, Failure>> {
-        let since = *self.error_since.get_or_insert(cycle.now);
-        let shown_for = cycle.now.saturating_sub(since);
-        // As with a good end, one word may be wrong.
+        let evidence = &cycle.evidence;
+        let settle = cycle.rules.bounds.settle;
         let held = self
-            .error_at_rest
-            .update(cycle.now, at_rest, cycle.bounds.settle);
-        let stands = cycle.standstill.is_standing() && cycle.is_seen(since);
-        let (moving, late) = (!(stands || held), shown_for >= standstill);
+            .done
+            .update(evidence.reached.is_high(), settle, cycle.elapsed);
+        let moving = !(evidence.stands() || held);
         (!moving || late).then_some(Err(Failure::HomingError { moving }))
     }
 }
 
 /// Bits 13, 12 and 10 as 000.
-const fn is_in_progress(word: Statusword) -> bool {
-    !word.intersects(
-        Statusword::HOMING_ATTAINED
-            .union(Statusword::HOMING_ERROR)
-            .union(Statusword::TARGET_REACHED),
-    )
+const fn is_in_progress(evidence: &Evidence) -> bool {
+    evidence.acknowledge.is_low() && evidence.error.is_low() && evidence.reached.is_low()
 }

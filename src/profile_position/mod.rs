@@ -1,23 +1,37 @@
 //! Profile Position: set-points, the handshake of bits 4 and 12, halt, outcomes.
 //!
-//! The types and the sequencing are pure. How a drive differs is data: [`Traits`].
+//! The types and the sequencing are pure. How a drive differs is data: [`Traits`]. Read `sequencer.rs` first, then `observer.rs`.
 
+mod bounds;
 mod circle;
-mod outcome;
+mod ends;
+mod events;
+mod evidence;
+mod failure;
+mod handshake;
+mod limits;
+mod observer;
+mod pending;
 mod sequencer;
 mod set_point;
 mod standstill;
+mod traits;
 
-pub(crate) use outcome::Events;
-pub use outcome::{
-    CommandId, Completion, Delivery, Event, Failure, Unrest, WaitingFor, WorkingCounter,
+pub(crate) use bounds::Bounds;
+use ends::Ends;
+pub(crate) use events::Events;
+pub use events::{CommandId, Completion, Event};
+pub(crate) use evidence::{Bit, Cycle, Evidence, Rest, Rules, ShownBit};
+pub use failure::{
+    Delivery, Doubt, Failure, FailureClass, Inhibit, ParameterFault, Unrest, Unsupported,
+    WaitingFor, WorkingCounter,
 };
-pub(crate) use sequencer::{Cycle, Sequencer, no_older};
-pub use set_point::{
-    BufferMode, BufferSignal, HomedSignal, Limits, LimitsActive, LimitsOff, LimitsRule,
-    MoveCommand, Parameters, PositionRange, Reference, RelativeBase, SetPoint, StartBits, Traits,
-};
-pub(crate) use standstill::{Bounds, LastSeen, ShownFor, Standstill, Unanswered};
+pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
+use observer::{Entry, Known, Observer, OnItsWay};
+pub(crate) use sequencer::Sequencer;
+pub use set_point::{BufferMode, MoveCommand, Parameters, Reference, SetPoint};
+pub(crate) use standstill::{LastSeen, Standstill};
+pub use traits::{BufferSignal, HomedSignal, RelativeBase, StartBits, Traits};
 
 #[cfg(feature = "std")]
 pub use crate::handle::{

@@ -9,8 +9,9 @@ pub use crate::handle::{Jog, ProfileVelocity};
 use crate::{
     ds402::State,
     profile_position::{
-        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters, Unanswered,
+        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, ParameterFault, Parameters,
     },
+    timer::{Due, Timer},
     units::{AxisUnit, Counts, Quantity, Scale, ScaleError, Unit},
 };
 
@@ -57,7 +58,7 @@ impl<U: AxisUnit> JogSetPoint<U> {
 
     /// Let go by the owner of the cycle once its holder is silent for longer than this: for a holder that may freeze, or whose messages
     /// may be late. The target velocity 60FFh is 0 in the next frame then, and the jog fails as [`Failure::NotHeld`]. A time of less than
-    /// a millisecond or more than ten seconds is refused as [`Failure::DeadManTime`] when the jog is asked for.
+    /// a millisecond or more than ten seconds is refused as [`Failure::Parameter`] when the jog is asked for.
     #[must_use]
     pub const fn dead_man(mut self, time: Duration) -> Self {
         self.dead_man = Some(time);
@@ -82,7 +83,10 @@ impl<U: AxisUnit> JogSetPoint<U> {
     pub(crate) fn check_dead_man(&self) -> Result<(), Failure> {
         match self.dead_man {
             Some(got) if !(LEAST_DEAD_MAN..=MOST_DEAD_MAN).contains(&got) => {
-                Err(Failure::DeadManTime { got })
+                Err(Failure::Parameter {
+                    name: "the dead-man time of a jog",
+                    fault: ParameterFault::OutOfRange("at least 1 ms and at most 10 s"),
+                })
             }
             _ => Ok(()),
         }
@@ -142,14 +146,13 @@ enum JogPhase {
 #[derive(Debug, Clone, Copy, Hash)]
 struct LetGo {
     id: CommandId,
-    until: Duration,
-    /// Since when the 0 is known to have been delivered.
-    delivered: Option<Duration>,
+    /// Until the axis has to be at rest.
+    left: Timer,
+    /// Since the 0 is known to have been delivered: until the drive has surely seen it.
+    seen: Option<Timer>,
     sent: bool,
     /// By its dead-man time, and not by its holder.
     by_itself: bool,
-    /// What an axis that was under way showed, until the 0 is answered.
-    unanswered: Unanswered,
 }
 
 /// Who holds a jog with a dead-man time.
@@ -179,8 +182,6 @@ pub(crate) struct Jogging {
     stage: JogPhase,
     /// The one that the next takes over from, until that is sent.
     before: Option<LetGo>,
-    /// Of one that is held at 0: what the axis showed when that was asked for, until it is answered; and whether it is known to be delivered.
-    zero: Option<(Unanswered, bool)>,
     ramps: Parameters,
     /// What they were before the one that is held, until that is sent: an axis that comes to rest does so by these, should it be given up.
     ramps_before: Option<Parameters>,
@@ -191,7 +192,6 @@ impl Jogging {
         Self {
             stage: JogPhase::Idle,
             before: None,
-            zero: None,
             ramps: Parameters::default(),
             ramps_before: None,
         }
@@ -250,22 +250,13 @@ impl Jogging {
         matches!(self.stage, JogPhase::Idle)
     }
 
-    /// Whether a cycle like the last one changes nothing.
-    pub const fn allows_idle_path(&self) -> bool {
-        if let Some((unanswered, _)) = &self.zero
-            && unanswered.is_open()
-        {
-            return false;
-        }
-        matches!(
+    /// When it has something to do without a word of the drive.
+    pub const fn due(&self) -> Due {
+        let rests = matches!(
             self.stage,
-            JogPhase::Idle
-                | JogPhase::Held {
-                    sent: true,
-                    accepted: true,
-                    ..
-                }
-        )
+            JogPhase::Idle | JogPhase::Held { accepted: true, .. }
+        );
+        Due::next_if(!rests)
     }
 
     /// Takes a checked jog in: its velocity is in the next outputs. It may take over from one that comes to rest, not from one
@@ -283,7 +274,6 @@ impl Jogging {
             JogPhase::Released(let_go) => self.before = Some(let_go),
             JogPhase::Idle => {}
         }
-        self.zero = None;
         self.ramps_before.get_or_insert(self.ramps);
         self.ramps = Parameters {
             acceleration: set_point.acceleration,
@@ -303,14 +293,9 @@ impl Jogging {
     }
 
     /// Another velocity, from the next outputs on; false if this jog is not held any more.
-    pub fn set(&mut self, of: CommandId, new: i32, unanswered: Unanswered) -> bool {
+    pub fn set(&mut self, of: CommandId, new: i32) -> bool {
         match &mut self.stage {
             JogPhase::Held { id, velocity, .. } if *id == of => {
-                if new != 0 {
-                    self.zero = None;
-                } else if *velocity != 0 {
-                    self.zero = Some((unanswered, false));
-                }
                 *velocity = new;
                 true
             }
@@ -330,25 +315,17 @@ impl Jogging {
         }
     }
 
-    /// Lets go: 0 from the next outputs on. False if this jog is not held any more. `by_itself`: by its dead-man time. `unanswered`: what
-    /// the axis shows.
-    pub fn release(
-        &mut self,
-        of: CommandId,
-        until: Duration,
-        by_itself: bool,
-        unanswered: Unanswered,
-    ) -> bool {
+    /// Lets go: 0 from the next outputs on, and `left` until the axis has to be at rest. False if this jog is not held any more.
+    /// `by_itself`: by its dead-man time.
+    pub fn release(&mut self, of: CommandId, left: Timer, by_itself: bool) -> bool {
         match self.stage {
             JogPhase::Held { id, .. } if id == of => {
-                let unanswered = self.zero.take().map_or(unanswered, |(zero, _)| zero);
                 self.stage = JogPhase::Released(LetGo {
                     id,
-                    until,
-                    delivered: None,
+                    left,
+                    seen: None,
                     sent: false,
                     by_itself,
-                    unanswered,
                 });
                 true
             }
@@ -393,7 +370,6 @@ impl Jogging {
         if let Some(ramps) = self.ramps_before.take() {
             self.ramps = ramps;
         }
-        self.zero = None;
         if let Some(before) = self.before.take() {
             let failure = failure.with_delivery(Delivery::Accepted);
             events.push(before.id, Event::Done(Err(failure)));
@@ -416,12 +392,8 @@ impl Jogging {
         events.push(id, Event::Done(Err(failure.with_delivery(delivery))));
     }
 
-    /// One cycle with fresh inputs in Operation enabled and mode 3. Whether the axis has not come to rest in time after it was let go.
-    pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
-        if let Some((unanswered, delivered)) = &mut self.zero {
-            unanswered.update(cycle.sample, *delivered);
-            *delivered |= cycle.delivered;
-        }
+    /// One cycle with inputs in Operation enabled and mode 3.
+    pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> JogStep {
         match &mut self.stage {
             JogPhase::Held {
                 id,
@@ -432,54 +404,62 @@ impl Jogging {
                 *accepted = true;
                 events.push(*id, Event::Accepted);
             }
-            JogPhase::Released(LetGo {
-                id,
-                until,
-                delivered,
-                sent: true,
-                by_itself,
-                unanswered,
-            }) => {
-                unanswered.update(cycle.sample, delivered.is_some());
-                let is_answered = !unanswered.is_open();
-                if cycle.delivered {
-                    delivered.get_or_insert(cycle.now);
+            JogPhase::Released(let_go) if let_go.sent => {
+                let_go.left.pass(cycle.elapsed);
+                let (id, by_itself) = (let_go.id, let_go.by_itself);
+                let Some(seen) = &mut let_go.seen else {
+                    if cycle.delivered {
+                        let_go.seen = Some(cycle.rules.seen());
+                        return JogStep::Delivered;
+                    }
+                    return self.judge_late(cycle, events);
+                };
+                let was_seen = seen.is_over();
+                seen.pass(cycle.elapsed);
+                if seen.is_over() && !was_seen {
+                    // What the drive shows before it has taken the 0 in may be the rest from which it is only just starting.
+                    return JogStep::Seen;
                 }
-                let (id, by_itself) = (*id, *by_itself);
-                // What the drive shows before it has taken the 0 in may be the rest from which it is only just starting.
-                let at_rest = delivered.is_some_and(|since| {
-                    let taken_in = since.saturating_add(cycle.traits.surely_seen());
-                    cycle.now >= taken_in
-                        && is_answered
-                        && cycle
-                            .standstill
-                            .stands_since(cycle.now, taken_in, cycle.bounds)
-                });
-                if at_rest {
+                if was_seen && cycle.evidence.stands() {
                     self.stage = JogPhase::Idle;
                     let state = State::OperationEnabled;
-                    let stopped = Ok(Completion::Stopped { state });
                     let result = if by_itself {
                         Err(Failure::NotHeld)
                     } else {
-                        stopped
+                        Ok(Completion::Stopped { state })
                     };
                     events.push(id, Event::Done(result));
-                } else if cycle.now >= *until {
-                    let failure = Failure::Timeout {
-                        waiting_for: cycle.standstill(),
-                        statusword: cycle.sample.statusword,
-                        controlword: cycle.controlword,
-                        delivery: Delivery::Accepted,
-                    };
-                    self.end(failure, events);
-                    return true;
+                    return JogStep::GoOn;
                 }
+                return self.judge_late(cycle, events);
             }
             _ => {}
         }
-        false
+        JogStep::GoOn
     }
+
+    /// Whether the axis has not come to rest in time.
+    fn judge_late(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> JogStep {
+        let JogPhase::Released(LetGo { left, .. }) = self.stage else {
+            return JogStep::GoOn;
+        };
+        if !left.is_over() {
+            return JogStep::GoOn;
+        }
+        self.end(cycle.timeout(cycle.standstill(), Delivery::Accepted), events);
+        JogStep::RunsOn
+    }
+}
+
+/// What a cycle of a jog comes to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum JogStep {
+    GoOn,
+    /// The 0 of one that was let go was delivered just now; the drive has surely seen it.
+    Delivered,
+    Seen,
+    /// The axis does not come to rest: stop it.
+    RunsOn,
 }
 
 #[cfg(test)]

@@ -406,7 +406,7 @@ mod modes {
     /// In Operation enabled, in this mode, with the deadlines of every axis.
     fn enabled(mode: Mode) -> Played {
         let mut config = CoreConfig::new(FIELDS);
-        config.traits.threshold_in_velocity_units = true;
+        config.tolerances.settle = core::time::Duration::from_millis(12);
         Played::enabled_in(mode, config)
     }
 

@@ -96,7 +96,8 @@ impl Played {
             referencing: Referencing::UnreferencedMovesAllowed,
             ..CoreConfig::new(FIELDS)
         };
-        config.traits.threshold_in_velocity_units = true;
+        // So short that a test need not wait for it.
+        config.tolerances.settle = Duration::from_millis(12);
         config
     }
 

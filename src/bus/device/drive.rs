@@ -288,10 +288,6 @@ impl Drive {
             .await?;
         due.try_read_into(&mut windows.threshold_ms, obj::VELOCITY_THRESHOLD_TIME)
             .await?;
-        if axis.tolerances.is_none() && config.traits.threshold_in_velocity_units {
-            let threshold = config.velocity_windows.threshold.map(Into::into);
-            config.tolerances.velocity = threshold.unwrap_or(Tolerances::default().velocity);
-        }
         if let Some(modes) = due.read_if_it_can_be(obj::SUPPORTED_MODES).await? {
             config.supported_modes = modes.map(SupportedModes::from_bits_retain);
         }

@@ -298,7 +298,7 @@ impl Stepper for Rc<RefCell<Axes>> {
         for (index, axis) in this.axes.iter_mut().enumerate() {
             let core = &mut axis.core;
             let step = |inputs: Inputs<'_>, unchanged: bool, outputs: &mut [u8]| {
-                if unchanged && core.rests_at(&inputs) {
+                if unchanged && core.rests_at(now, &inputs) {
                     return None;
                 }
                 core.count_to(this.cycles);

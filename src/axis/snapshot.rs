@@ -1,0 +1,145 @@
+//! What a cycle brings an axis core, and what is known of the axis after it.
+
+use crate::{
+    ds402::{Controlword, Mode, State, Statusword},
+    units::{AxisUnit, Counts, Scale},
+};
+
+/// What one cycle's exchange brought for an axis.
+///
+/// ```
+/// use servocrab::axis::Inputs;
+/// // The drive's bytes, where its datagram came back; the frame itself is lost in the second cycle.
+/// let process_data = [0x37, 0x02, 0x10, 0x27, 0, 0];
+/// let cycles = [Inputs::Fresh(&process_data), Inputs::Stale];
+/// # assert_ne!(cycles[0], cycles[1]);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Inputs<'a> {
+    /// The working counter was right: these inputs are of this cycle and the outputs were delivered.
+    Fresh(&'a [u8]),
+    /// The drive answered, but the working counter was wrong: fresh inputs, outputs perhaps not delivered.
+    Answered(&'a [u8]),
+    /// Nothing came back from the drive.
+    Stale,
+}
+
+impl<'a> Inputs<'a> {
+    /// Decides by the working counter of their datagram what inputs are worth.
+    ///
+    /// ```
+    /// use servocrab::axis::Inputs;
+    /// assert_eq!(Inputs::from_wkc(3, 3, &[0x31]), Inputs::Fresh(&[0x31]));
+    /// assert_eq!(Inputs::from_wkc(2, 3, &[0x31]), Inputs::Stale);
+    /// ```
+    #[must_use]
+    pub const fn from_wkc(working_counter: u16, expected: u16, inputs: &'a [u8]) -> Self {
+        if working_counter == expected {
+            Self::Fresh(inputs)
+        } else {
+            Self::Stale
+        }
+    }
+}
+
+/// What is known of an axis after a cycle, with position and velocity in the unit of the handle that it comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(serialize = "U::Signed: serde::Serialize"))
+)]
+pub struct Snapshot<U: AxisUnit = Counts> {
+    /// How many cycles there were since the first one, with and without inputs.
+    pub cycle: u64,
+    /// Consecutive cycles that brought no inputs; 0 when the other fields are of this cycle.
+    pub age: u32,
+    /// Whether the drive answered in this cycle.
+    pub answered: bool,
+    /// Whether the drive counts as lost.
+    pub lost: bool,
+    /// Statusword 6041h.
+    pub statusword: Statusword,
+    /// The state it shows.
+    pub state: State,
+    /// The controlword 6040h in the outputs now.
+    pub controlword: Controlword,
+    /// Modes of operation display 6061h; [`Mode::None`] while not known.
+    pub mode: Mode,
+    /// Position actual value 6064h.
+    pub position: U::Signed,
+    /// Velocity actual value 606Ch; 0 where it is not mapped.
+    pub velocity: U::Signed,
+    /// Whether the axis is halted (bit 8).
+    pub halted: bool,
+    /// Whether the axis has a set-point, or may have one.
+    pub has_set_point: bool,
+    /// Whether the axis knows where it is: by [`Referencing`].
+    pub referenced: bool,
+}
+
+impl Snapshot {
+    /// The same with position and velocity in another unit.
+    #[must_use]
+    pub fn in_unit<U: AxisUnit>(&self, scale: &Scale) -> Snapshot<U> {
+        Snapshot {
+            position: scale.position_in::<U>(self.position),
+            velocity: scale.velocity_in::<U>(self.velocity),
+            cycle: self.cycle,
+            age: self.age,
+            answered: self.answered,
+            lost: self.lost,
+            statusword: self.statusword,
+            state: self.state,
+            controlword: self.controlword,
+            mode: self.mode,
+            halted: self.halted,
+            has_set_point: self.has_set_point,
+            referenced: self.referenced,
+        }
+    }
+}
+
+/// What is new since the axis' port looked last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(
+    not(feature = "std"),
+    expect(dead_code, reason = "only a port asks for changes")
+)]
+pub(crate) enum SnapshotChange {
+    /// The cycle's number alone.
+    Nothing,
+    /// Position and velocity.
+    Motion,
+    /// That there were no inputs.
+    Silence,
+    Anything,
+}
+
+impl SnapshotChange {
+    /// This and what a later cycle has brought.
+    #[inline]
+    pub const fn and(self, new: Self) -> Self {
+        match (self, new) {
+            (Self::Nothing, new) => new,
+            (old, Self::Nothing) => old,
+            (Self::Motion, Self::Motion) => Self::Motion,
+            (Self::Silence, Self::Silence) => Self::Silence,
+            _ => Self::Anything,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_count_with_the_expected_working_counter_alone() {
+        for (counter, expected) in [(2, 3), (4, 3), (0, 1), (u16::MAX, 0)] {
+            assert_eq!(Inputs::from_wkc(counter, expected, &[1]), Inputs::Stale);
+        }
+        assert_eq!(Inputs::from_wkc(3, 3, &[1]), Inputs::Fresh(&[1]));
+        assert_eq!(Inputs::from_wkc(0, 0, &[]), Inputs::Fresh(&[]));
+    }
+}

@@ -1,0 +1,110 @@
+//! Where a set-point may end (pure).
+
+use super::Bounds;
+
+/// The positions at which a set-point may end: a distance counts from what the drive takes for its base, and that may not be known to
+/// the count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct Ends {
+    from: i32,
+    /// To the last one, in counts; [`ANYWHERE`](Self::ANYWHERE) has them all.
+    width: u32,
+}
+
+impl Ends {
+    pub const ANYWHERE: Self = Self {
+        from: 0,
+        width: u32::MAX,
+    };
+
+    pub const fn at(position: i32) -> Self {
+        Self {
+            from: position,
+            width: 0,
+        }
+    }
+
+    /// From one of these positions to the other, the shorter way.
+    pub fn between(a: i32, b: i32, bounds: &Bounds) -> Self {
+        let way = bounds.way(a, b);
+        Self {
+            from: if way < 0 { b } else { a },
+            width: u32::try_from(way.unsigned_abs()).unwrap_or(u32::MAX),
+        }
+    }
+
+    /// The same, this far away.
+    pub fn after(self, distance: i32, bounds: &Bounds) -> Self {
+        if self == Self::ANYWHERE {
+            return self;
+        }
+        Self {
+            from: bounds.after(self.from, distance),
+            ..self
+        }
+    }
+
+    /// Whether they are known to the window.
+    #[inline]
+    pub const fn are_known(&self, bounds: &Bounds) -> bool {
+        self.width <= bounds.position
+    }
+
+    /// The one that an error names: the middle.
+    pub fn middle(&self, bounds: &Bounds) -> i32 {
+        let half = i32::try_from(self.width / 2).unwrap_or(0);
+        bounds.after(self.from, half)
+    }
+
+    /// Whether an axis at this position is within the window of one of them.
+    #[inline]
+    pub fn contain(&self, position: i32, bounds: &Bounds) -> bool {
+        self.width == u32::MAX || self.outside(position, bounds) == 0
+    }
+
+    /// Whether an axis that was seen at these two positions, one after the other, was within the window of one of them, or has passed
+    /// them all in between.
+    pub fn are_met(&self, before: i32, position: i32, bounds: &Bounds) -> bool {
+        if self.contain(position, bounds) {
+            return true;
+        }
+        let (from, to) = (
+            self.outside(before, bounds),
+            self.outside(position, bounds),
+        );
+        // On a circle the far side has another sign as well.
+        let reach = i64::from(self.width) + 2 * i64::from(bounds.position);
+        let way = bounds.way(before, position).abs();
+        from.signum() * to.signum() < 0 && from.abs() + to.abs() + reach == way
+    }
+
+    /// How far a position lies from them, beyond the window: negative before the first, positive behind the last.
+    #[inline]
+    fn outside(&self, position: i32, bounds: &Bounds) -> i64 {
+        let window = i64::from(bounds.position);
+        let way = bounds.way(self.from, position);
+        let beyond = way - i64::from(self.width);
+        if way < -window {
+            way + window
+        } else if beyond > window {
+            beyond - window
+        } else {
+            0
+        }
+    }
+
+    /// Whether an axis has covered half of the way from these ends to the next ones. None where either is not known, or they lie no more
+    /// than four windows apart (A2).
+    pub fn half_way_to(&self, next: &Self, position: i32, bounds: &Bounds) -> Option<bool> {
+        if !(self.are_known(bounds) && next.are_known(bounds)) {
+            return None;
+        }
+        let (begin, end) = (self.middle(bounds), next.middle(bounds));
+        let way = bounds.way(begin, end);
+        if way.unsigned_abs() <= 4 * u64::from(bounds.position) {
+            return None;
+        }
+        let come = bounds.way(begin, position) * way.signum();
+        Some(2 * come >= way.abs())
+    }
+}

@@ -1,0 +1,341 @@
+//! Bit 4 (new set-point) of the controlword and bit 12 (set-point acknowledge) of the statusword: the handshake of one set-point.
+//!
+//! Acceptance is the rise of bit 12 after that of bit 4, never its level. Bit 4 stays high until then, and then low until bit 12 is low.
+//! Onto a full buffer no rise comes: bit 4 is high for as long as the drive needs to see it, and the fall of bit 12 is the acknowledge
+//! (decision 5).
+
+use crate::timer::{Due, Timer};
+
+use super::{
+    CommandId, Cycle, Doubt, Ends, Failure, Parameters, Rules, pending::Request,
+};
+
+/// So many frames later, at the latest, the inputs show what the drive has seen in one: it takes outputs in at one SYNC0, works
+/// until the next, and what it has put out then is fetched by the frame after that. Assumed, no document says.
+const SHOWN_AFTER: u8 = 3;
+
+/// Where bit 4 is.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(super) enum Handshake {
+    Low(Low),
+    High(Raised),
+    /// Low again, with a set-point on a full buffer that is not acknowledged.
+    Overwriting(Low, Sent),
+    /// High, and its set-point was reported as failed: a stop is under way.
+    Abandoned,
+}
+
+/// Bit 4 is low.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(super) struct Low {
+    /// Since it is known to have been delivered: until the drive has surely seen it.
+    seen: Option<Timer>,
+    /// Bit 12 was high then: its fall proves that the drive has seen it.
+    falls: bool,
+}
+
+impl Low {
+    const fn new() -> Self {
+        Self {
+            seen: None,
+            falls: false,
+        }
+    }
+
+    fn step(&mut self, cycle: &Cycle<'_>) {
+        match &mut self.seen {
+            Some(seen) => seen.pass(cycle.elapsed),
+            None if cycle.delivered => {
+                self.seen = Some(cycle.rules.seen());
+                self.falls = cycle.evidence.acknowledge.shows_high();
+            }
+            None => {}
+        }
+    }
+
+    /// Whether the drive has surely seen it, by its own cycle.
+    const fn is_seen(&self) -> bool {
+        matches!(self.seen, Some(seen) if seen.is_over())
+    }
+
+    /// Whether bit 12 is low and the drive has surely seen the low of bit 4: by the fall of bit 12, or by its own cycle.
+    const fn is_answered(&self, cycle: &Cycle<'_>) -> bool {
+        !cycle.evidence.acknowledge.shows_high()
+            && self.seen.is_some()
+            && (self.falls || self.is_seen())
+    }
+}
+
+/// A set-point that was sent, or is in the outputs.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(super) struct Sent {
+    pub request: Request,
+    pub ends: Ends,
+    /// The axis may pass its end and come back.
+    pub turns: bool,
+    /// The way shows when the one before it is over.
+    pub shown_by_way: bool,
+    /// Until bit 12 has to answer.
+    answer: Timer,
+}
+
+impl Sent {
+    pub const fn new(
+        request: Request,
+        ends: Ends,
+        turns: bool,
+        shown_by_way: bool,
+        rules: &Rules<'_>,
+    ) -> Self {
+        Self {
+            request,
+            ends,
+            turns,
+            shown_by_way,
+            answer: Timer::new(rules.acknowledge),
+        }
+    }
+}
+
+/// Bit 4 is high.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(super) struct Raised {
+    pub sent: Sent,
+    pub stage: Stage,
+}
+
+/// How far bit 4 came.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(super) enum Stage {
+    /// In the outputs. 607Ah and the parameters were these before, and are so again where it is taken back. `full`: so is the buffer, for
+    /// all that is known.
+    Unsent {
+        target: i32,
+        parameters: Parameters,
+        full: bool,
+    },
+    /// The frame that has brought it shows nothing of it yet.
+    Fresh { full: bool },
+    /// Bit 12 was low: it will rise.
+    Awaited,
+    /// Bit 12 was high, or two were held.
+    Full(Full),
+}
+
+/// What a drive with a full buffer shows of bit 4.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(super) struct Full {
+    /// Since it is known to have been delivered: until the drive has surely seen it.
+    seen: Option<Timer>,
+    /// Frames with inputs since then.
+    shown: u8,
+    /// While bit 12 is low after all.
+    fell: Option<Timer>,
+}
+
+impl Full {
+    const NEW: Self = Self {
+        seen: None,
+        shown: 0,
+        fell: None,
+    };
+}
+
+/// What a cycle has brought.
+pub(super) enum Answer {
+    None,
+    Acknowledged(Sent),
+    /// With the failure of its move.
+    GivenUp(Sent, Failure),
+}
+
+impl Handshake {
+    /// Low from the next frame on.
+    pub const LOW: Self = Self::Low(Low::new());
+
+    pub const fn is_low(&self) -> bool {
+        matches!(self, Self::Low(_) | Self::Overwriting(..))
+    }
+
+    /// Whether a set-point was sent that is not acknowledged, or bit 4 is high.
+    pub const fn is_under_way(&self) -> bool {
+        !matches!(
+            self,
+            Self::Low(_)
+                | Self::High(Raised {
+                    stage: Stage::Unsent { .. },
+                    ..
+                })
+        )
+    }
+
+    /// The set-point that was sent and is not acknowledged.
+    pub const fn on_its_way(&self) -> Option<&Sent> {
+        match self {
+            Self::High(Raised {
+                stage: Stage::Unsent { .. },
+                ..
+            })
+            | Self::Low(_)
+            | Self::Abandoned => None,
+            Self::High(Raised { sent, .. }) | Self::Overwriting(_, sent) => Some(sent),
+        }
+    }
+
+    /// The move whose bit 4 has risen in the outputs and was not sent.
+    pub const fn unsent(&self) -> Option<CommandId> {
+        match self {
+            Self::High(Raised {
+                sent,
+                stage: Stage::Unsent { .. },
+            }) => Some(sent.request.id),
+            _ => None,
+        }
+    }
+
+    /// The outputs composed last have been sent.
+    pub const fn mark_sent(&mut self) {
+        if let Self::High(raised) = self
+            && let Stage::Unsent { full, .. } = raised.stage
+        {
+            raised.stage = Stage::Fresh { full };
+        }
+    }
+
+    /// A cycle in another mode: a low of bit 4 that the drive has seen there counts for nothing here.
+    pub const fn outside(&mut self) {
+        if let Self::Low(low) = self {
+            *low = Low::new();
+        }
+    }
+
+    /// Whether the next set-point may follow: bit 4 is low, the drive has surely seen that, and bit 12 is low.
+    pub const fn is_free(&self, cycle: &Cycle<'_>) -> bool {
+        match self {
+            Self::Low(low) => low.is_answered(cycle),
+            _ => false,
+        }
+    }
+
+    /// Whether the drive has surely seen bit 4 low, whatever bit 12 shows.
+    pub const fn is_low_seen(&self) -> bool {
+        match self {
+            Self::Low(low) => low.is_seen(),
+            _ => false,
+        }
+    }
+
+    /// One cycle with inputs.
+    pub fn step(&mut self, cycle: &Cycle<'_>) -> Answer {
+        match self {
+            Self::Low(low) => {
+                low.step(cycle);
+                Answer::None
+            }
+            Self::High(raised) => {
+                let (sent, answer) = (raised.sent, raised.step(cycle));
+                match answer {
+                    Some(Ok(true)) => self.lower(Answer::Acknowledged(sent)),
+                    Some(Ok(false)) => {
+                        *self = Self::Overwriting(Low::new(), sent);
+                        Answer::None
+                    }
+                    Some(Err(failure)) => self.lower(Answer::GivenUp(sent, failure)),
+                    None => Answer::None,
+                }
+            }
+            Self::Overwriting(low, sent) => {
+                low.step(cycle);
+                sent.answer.pass(cycle.elapsed);
+                let sent = *sent;
+                if low.is_answered(cycle) {
+                    // Its low is seen already.
+                    *self = Self::Low(*low);
+                    Answer::Acknowledged(sent)
+                } else if sent.answer.is_over() {
+                    let low = *low;
+                    *self = Self::Low(low);
+                    Answer::GivenUp(sent, unacknowledged(cycle))
+                } else {
+                    Answer::None
+                }
+            }
+            Self::Abandoned => Answer::None,
+        }
+    }
+
+    const fn lower(&mut self, answer: Answer) -> Answer {
+        *self = Self::LOW;
+        answer
+    }
+
+    /// When it has something to do without a word of the drive.
+    pub const fn due(&self) -> Due {
+        match self {
+            Self::Low(Low { seen: None, .. }) => Due::NEXT,
+            Self::Low(Low {
+                seen: Some(seen), ..
+            }) => seen.due(),
+            Self::High(_) | Self::Overwriting(..) => Due::NEXT,
+            Self::Abandoned => Due::NEVER,
+        }
+    }
+}
+
+impl Raised {
+    /// Whether it is acknowledged, or goes on as one on a full buffer; or why it is given up.
+    fn step(&mut self, cycle: &Cycle<'_>) -> Option<Result<bool, Failure>> {
+        let high = cycle.evidence.acknowledge.shows_high();
+        if !matches!(self.stage, Stage::Unsent { .. } | Stage::Fresh { .. }) {
+            self.sent.answer.pass(cycle.elapsed);
+        }
+        match &mut self.stage {
+            Stage::Unsent { .. } => return None,
+            // What the frame shows that brings bit 4 is from before it, and no answer.
+            &mut Stage::Fresh { full } => {
+                self.stage = if full || high {
+                    Stage::Full(Full::NEW)
+                } else {
+                    Stage::Awaited
+                };
+            }
+            Stage::Awaited if high => return Some(Ok(true)),
+            Stage::Awaited => {}
+            Stage::Full(full) => {
+                // A place became free before the drive took it: its edge will come. One word may be wrong.
+                full.fell = match full.fell {
+                    _ if high => None,
+                    None => Some(cycle.rules.seen()),
+                    Some(mut fell) => {
+                        fell.pass(cycle.elapsed);
+                        Some(fell)
+                    }
+                };
+                match &mut full.seen {
+                    Some(seen) => seen.pass(cycle.elapsed),
+                    None if cycle.delivered => full.seen = Some(cycle.rules.seen()),
+                    None => {}
+                }
+                let seen = full.seen.is_some_and(Timer::is_over);
+                full.shown += u8::from(seen);
+                if full.fell.is_some_and(Timer::is_over) {
+                    self.stage = Stage::Awaited;
+                } else if full.shown > SHOWN_AFTER {
+                    // One that replaces none finds no place in a full buffer.
+                    return Some(if self.sent.request.replaces() {
+                        Ok(false)
+                    } else {
+                        Err(unacknowledged(cycle))
+                    });
+                }
+            }
+        }
+        let late = self.sent.answer.is_over();
+        late.then(|| Err(unacknowledged(cycle)))
+    }
+}
+
+/// Bit 12 has not answered in its time.
+const fn unacknowledged(cycle: &Cycle<'_>) -> Failure {
+    cycle.unknown(Doubt::Unacknowledged)
+}

@@ -1,0 +1,635 @@
+//! What the drive does with the set-points that it holds, and how each of them ends.
+//!
+//! The drive's buffer is a small automaton that nobody can see: the active set-point waits to begin, runs, or has ended; another may be
+//! behind it. The observer keeps the set of its states that fit what was seen ([`Worlds`]). In each cycle it adds the states that the drive
+//! may have come to, and takes away those that the evidence rules out. Each rule is an assumption of `docs/fault-model.md`, by its
+//! number. An outcome is reported once all states that are left agree on it.
+
+use crate::timer::{Due, Lasting, Timer};
+
+use super::{
+    Bit, BufferMode, CommandId, Completion, Cycle, Delivery, Doubt, Ends, Event,
+    Events, Evidence, Failure, Rest, Rules,
+};
+
+/// Set-points that a drive holds at most (S2).
+const HELD: usize = 2;
+
+/// The set-points that the drive has acknowledged and that it may hold.
+#[derive(Debug, Clone, Hash)]
+pub(crate) struct Observer {
+    entries: [Option<Entry>; HELD],
+    worlds: Worlds,
+    /// While the axis is at rest with the same bit 10: until that has lasted for [`Deadlines::begin`](crate::axis::Deadlines::begin).
+    rest: Lasting,
+    /// While bit 10 is high: until it has been so for the settle time.
+    high: Lasting,
+    /// While the axis is beyond half of the way to the second end: until it has been there for the settle time (A2).
+    beyond: Lasting,
+    /// Where the last set-point has led the axis, if nothing else can have moved it since.
+    last_ends: Option<Ends>,
+}
+
+/// A set-point that the drive has acknowledged.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(crate) struct Entry {
+    pub id: CommandId,
+    pub start: BufferMode,
+    /// It ends at an end velocity, and the axis goes on.
+    pub runs_on: bool,
+    pub ends: Ends,
+    /// Whether the axis may pass its end and come back: one that began in motion.
+    pub turns: bool,
+    /// Whether the way shows that the one before it is over (A2).
+    pub shown_by_way: bool,
+    sighting: Sighting,
+    report: Report,
+    /// Until what is shown is surely of after the acknowledge.
+    seen: Timer,
+    /// Until it has begun, if it ever does (S3).
+    begin: Timer,
+}
+
+/// Whether the axis was seen at an end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Sighting {
+    None,
+    /// And cycles are missing, or bit 10 was high elsewhere: the drive may have ended it there.
+    Doubtful,
+    At(i32),
+}
+
+/// What was reported of a set-point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Report {
+    Nothing,
+    /// That the axis stands halted.
+    Halted,
+    /// Its outcome. It stays as long as the drive may hold it.
+    Outcome,
+}
+
+/// A set of states of the drive's buffer: which set-point is the active one, and how far it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Worlds(u8);
+
+impl Worlds {
+    const NONE: Self = Self(0);
+    /// The active one has not begun.
+    const WAITING: Self = Self(0x11);
+    const RUNNING: Self = Self(0x22);
+    /// The active one is the last, and the axis goes on beyond its end at its end velocity.
+    const RUNS_ON: Self = Self(0x44);
+    /// The last one has ended.
+    const DONE: Self = Self(0x88);
+    /// The first, or the second, is the active one.
+    const FIRST: Self = Self(0x0F);
+    const SECOND: Self = Self(0xF0);
+
+    const fn of_entry(place: usize) -> Self {
+        if place == 0 { Self::FIRST } else { Self::SECOND }
+    }
+
+    const fn and(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    const fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    const fn has(self, any_of: Self) -> bool {
+        self.0 & any_of.0 != 0
+    }
+
+    const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// The states that a drive may have come to from these: it begins, ends, and goes on to the next. `runs_on`: of the last one.
+    const fn successors(self, count: usize, runs_on: bool) -> Self {
+        let ended = if runs_on { Self::RUNS_ON } else { Self::DONE };
+        let mut all = self;
+        if all.has(Self::WAITING.and(Self::FIRST)) {
+            all = all.or(Self::RUNNING.and(Self::FIRST));
+        }
+        if all.has(Self::RUNNING.and(Self::FIRST)) {
+            all = all.or(match count {
+                HELD => Self::WAITING.and(Self::SECOND),
+                _ => ended.and(Self::FIRST),
+            });
+        }
+        if all.has(Self::WAITING.and(Self::SECOND)) {
+            all = all.or(Self::RUNNING.and(Self::SECOND));
+        }
+        if all.has(Self::RUNNING.and(Self::SECOND)) {
+            all = all.or(ended.and(Self::SECOND));
+        }
+        all
+    }
+}
+
+/// What was sent to the drive and is not acknowledged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum OnItsWay {
+    Nothing,
+    /// It goes behind the others, and starts like this.
+    Behind(BufferMode),
+    /// It replaces them.
+    Instead,
+    /// Nobody knows whether the drive has taken it, and no answer comes any more.
+    Unknown,
+}
+
+/// What the observer knows beyond the evidence of a cycle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Known {
+    pub on_its_way: OnItsWay,
+    /// Bit 12, where it is not that of a handshake: of a drive whose buffer it shows, low says that there is room.
+    pub room: Option<Bit>,
+}
+
+impl Observer {
+    pub const fn new() -> Self {
+        Self {
+            entries: [None; HELD],
+            worlds: Worlds::NONE,
+            rest: Lasting::NOT,
+            high: Lasting::NOT,
+            beyond: Lasting::NOT,
+            last_ends: None,
+        }
+    }
+
+    /// How many set-points the drive may hold.
+    pub const fn count(&self) -> usize {
+        match self.entries {
+            [None, _] => 0,
+            [_, None] => 1,
+            _ => HELD,
+        }
+    }
+
+    /// Whether the drive may hold a set-point.
+    pub const fn holds_any(&self) -> bool {
+        self.entries[0].is_some()
+    }
+
+    /// Whether the drive goes on at an end velocity when the last one has ended.
+    pub fn runs_on(&self) -> bool {
+        self.last().is_some_and(|entry| entry.runs_on)
+    }
+
+    /// The one that was taken last.
+    pub fn last(&self) -> Option<&Entry> {
+        self.entries.iter().flatten().last()
+    }
+
+    /// Where the last one ends, or has led the axis.
+    pub fn last_ends(&self) -> Option<Ends> {
+        self.last().map_or(self.last_ends, |entry| Some(entry.ends))
+    }
+
+    /// Something else has moved the axis, or its zero.
+    pub const fn forget_place(&mut self) {
+        self.last_ends = None;
+    }
+
+    /// The drive has acknowledged this one. With `Aborting` it is the only one from now on (S2).
+    pub fn push(&mut self, entry: Entry, events: &mut Events) {
+        if entry.start == BufferMode::Aborting {
+            self.fail_all(Failure::Superseded, events);
+        }
+        let place = self.count();
+        let Some(free) = self.entries.get_mut(place) else {
+            return;
+        };
+        *free = Some(entry);
+        let waits = Worlds::WAITING.and(Worlds::of_entry(place));
+        self.worlds = if place == 0 {
+            waits
+        } else if self.worlds.has(Worlds::DONE.or(Worlds::RUNS_ON)) {
+            // The first has ended: it is the turn of this one.
+            self.worlds
+                .without(Worlds::DONE.or(Worlds::RUNS_ON))
+                .or(waits)
+        } else {
+            self.worlds
+        };
+        (self.rest, self.beyond) = (Lasting::NOT, Lasting::NOT);
+    }
+
+    /// One cycle in Operation enabled and mode 1. Whether the drive may hold a set-point that only a stop makes known (`NeedsStop`).
+    pub fn step(&mut self, cycle: &Cycle<'_>, known: Known, events: &mut Events) -> bool {
+        if !self.holds_any() {
+            return false;
+        }
+        self.pass_time(cycle);
+        self.note_sightings(cycle, known);
+        let possible = self.worlds.successors(self.count(), self.runs_on());
+        let left = possible.without(self.ruled_out(cycle, known));
+        self.worlds = if left.is_empty() {
+            self.surprised(possible)
+        } else {
+            left
+        };
+        !cycle.halted && self.judge(cycle, known, events)
+    }
+
+    /// No state of the drive fits: something outside of the fault model has happened, and every proof so far may be wrong.
+    fn surprised(&mut self, possible: Worlds) -> Worlds {
+        for entry in self.entries.iter_mut().flatten() {
+            entry.sighting = Sighting::Doubtful;
+        }
+        possible
+    }
+
+    fn pass_time(&mut self, cycle: &Cycle<'_>) {
+        let (evidence, rules) = (&cycle.evidence, &cycle.rules);
+        for entry in self.entries.iter_mut().flatten() {
+            entry.seen.pass(cycle.elapsed);
+        }
+        if cycle.halted {
+            // S7: bit 10 says nothing of set-points, and their time does not run.
+            self.restart_times(rules);
+            return;
+        }
+        if let Some(first) = &mut self.entries[0] {
+            first.begin.pass(cycle.elapsed);
+        }
+        let (reached, settle) = (evidence.reached, rules.bounds.settle);
+        let half_way = self.is_half_way(evidence, rules);
+        let rests = evidence.stands() && (reached.is_high() || reached.is_low());
+        self.rest.update(rests, rules.begin, cycle.elapsed);
+        self.high.update(reached.is_high(), settle, cycle.elapsed);
+        self.beyond.update(half_way, settle, cycle.elapsed);
+    }
+
+    /// Times of the set-points begin anew.
+    fn restart_times(&mut self, rules: &Rules<'_>) {
+        self.rest = Lasting::NOT;
+        self.high = Lasting::NOT;
+        self.beyond = Lasting::NOT;
+        for entry in self.entries.iter_mut().flatten() {
+            entry.begin = Timer::new(rules.begin);
+        }
+    }
+
+    /// Whether the axis was at the first end and has covered half of the way to the second, where that shows that the first is over (A2).
+    fn is_half_way(&self, evidence: &Evidence, rules: &Rules<'_>) -> bool {
+        let [Some(first), Some(second)] = &self.entries else {
+            return false;
+        };
+        let (position, bounds) = (evidence.position, rules.bounds);
+        second.shown_by_way
+            && rules.bounds.turn.is_none()
+            && matches!(first.sighting, Sighting::At(_))
+            && first.ends.half_way_to(&second.ends, position, bounds) == Some(true)
+    }
+
+    /// The states that the evidence excludes: the rules of the fault model.
+    fn ruled_out(&self, cycle: &Cycle<'_>, known: Known) -> Worlds {
+        let (evidence, rules) = (&cycle.evidence, &cycle.rules);
+        let mut out = Worlds::NONE;
+        let mut rule = |holds: bool, worlds: Worlds| {
+            if holds {
+                out = out.or(worlds);
+            }
+        };
+        let count = self.count();
+        let room = known.room.filter(|_| count == HELD);
+        let full = room.is_some_and(Bit::is_high);
+        // S2: while both are held the first is the active one, and with room it is over.
+        rule(full, Worlds::SECOND);
+        rule(room.is_some_and(Bit::is_low), Worlds::FIRST);
+        if cycle.halted {
+            return out;
+        }
+        let (low, high) = (evidence.reached.is_low(), evidence.reached.is_high());
+        let stands = evidence.stands();
+        // S4: with bit 10 low the last one has not ended.
+        rule(low, Worlds::DONE.or(Worlds::RUNS_ON));
+        // S4: with bit 10 high none is under way at rest, nor for so long. One that is sure to be the active one settles.
+        let is_over = high && (stands || self.high.has_lasted()) && !full;
+        rule(is_over, Worlds::RUNNING);
+        // A1: an axis that leaves its rest is led by one that has begun.
+        rule(evidence.rest == Rest::Left, Worlds::WAITING);
+        // A2.
+        rule(self.beyond.has_lasted(), Worlds::FIRST);
+        for (place, entry) in self.entries.iter().enumerate() {
+            let Some(entry) = entry else { continue };
+            let worlds = Worlds::of_entry(place);
+            let at_end = entry.ends.are_known(rules.bounds)
+                && entry.ends.contain(evidence.position, rules.bounds);
+            // S3: with bit 10 low for it, it has begun.
+            rule(low && entry.seen.is_over(), Worlds::WAITING.and(worlds));
+            // S4: at the last end with bit 10 high it is over.
+            let is_last = place + 1 == count;
+            rule(high && at_end && is_last, Worlds::RUNNING.and(worlds));
+            // S3: by now it has begun, if it was not at rest with bit 10 high all the time.
+            let rests = high && self.rest.has_lasted();
+            let begun = place == 0 && entry.begin.is_over() && (at_end || !rests);
+            rule(begun, Worlds::WAITING.and(worlds));
+        }
+        out
+    }
+
+    /// Only a sample proves that the axis was at an end.
+    fn note_sightings(&mut self, cycle: &Cycle<'_>, known: Known) {
+        let (evidence, bounds) = (&cycle.evidence, cycle.rules.bounds);
+        let (before, position) = (evidence.before, evidence.position);
+        let count = self.count();
+        let next = self.entries[1].map(|second| second.start);
+        let crossed_first = self.entries[0].is_some_and(|first| {
+            matches!(first.sighting, Sighting::At(_))
+                && self.entries[1].is_some_and(|second| {
+                    let way = first.ends.half_way_to(&second.ends, position, bounds);
+                    second.shown_by_way && way.is_some()
+                })
+        });
+        for (place, entry) in self.entries.iter_mut().enumerate() {
+            let Some(entry) = entry else { continue };
+            let worlds = Worlds::of_entry(place);
+            let is_last = place + 1 == count;
+            // Another may have taken over in the drive.
+            let follower = match known.on_its_way {
+                OnItsWay::Nothing if is_last => None,
+                OnItsWay::Nothing => next,
+                OnItsWay::Behind(start) => Some(start),
+                OnItsWay::Instead | OnItsWay::Unknown => Some(BufferMode::Buffered),
+            };
+            let full = known.room.is_some_and(Bit::is_high) && count == HELD;
+            let follower = follower.filter(|_| !(full && place == 0));
+            let may_be_active = if place == 0 {
+                self.worlds.has(worlds)
+            } else {
+                self.worlds.without(worlds).is_empty() || crossed_first
+            };
+            if !may_be_active {
+                continue;
+            }
+            let at_end = entry.ends.contain(position, bounds);
+            if let Some(follower) = follower {
+                let elsewhere = !cycle.halted && evidence.reached.shows_high() && !at_end;
+                if (evidence.blind || elsewhere) && entry.sighting == Sighting::None {
+                    entry.sighting = Sighting::Doubtful;
+                }
+                let met = at_end
+                    || (follower == BufferMode::Blending
+                        && entry.ends.are_met(before, position, bounds));
+                let waits = self.worlds.has(Worlds::WAITING.and(worlds)) && !evidence.stands();
+                if met && !waits && entry.sighting != Sighting::Doubtful {
+                    entry.sighting = Sighting::At(position);
+                }
+            } else if entry.ends.are_met(before, position, bounds) {
+                entry.sighting = Sighting::At(position);
+            }
+        }
+    }
+
+    /// Reports what all states agree on. Whether only a stop can make known what the drive holds.
+    fn judge(&mut self, cycle: &Cycle<'_>, known: Known, events: &mut Events) -> bool {
+        if known.on_its_way == OnItsWay::Instead {
+            // When its acknowledge comes, it has replaced them, and what shows now may be its own.
+            return false;
+        }
+        if known.on_its_way == OnItsWay::Unknown {
+            if cycle.evidence.stands() && cycle.evidence.reached.is_high() {
+                self.give_up(Doubt::Unacknowledged, cycle, events);
+            }
+            return false;
+        }
+        if let [Some(first), Some(second)] = self.entries
+            && !self.worlds.has(Worlds::FIRST)
+        {
+            self.report(0, first.passed_into(second.start, cycle), events);
+            self.entries = [Some(second), None];
+            self.worlds = Worlds(self.worlds.0 >> 4);
+            self.restart_times(&cycle.rules);
+        }
+        if let [Some(last), None] = self.entries {
+            self.judge_last(&last, cycle, known, events)
+        } else {
+            self.judge_rest(cycle, known, events)
+        }
+    }
+
+    /// How the only one that is held has ended.
+    fn judge_last(
+        &mut self,
+        entry: &Entry,
+        cycle: &Cycle<'_>,
+        known: Known,
+        events: &mut Events,
+    ) -> bool {
+        let (evidence, rules) = (&cycle.evidence, &cycle.rules);
+        let position = evidence.position;
+        let (stands, high) = (evidence.stands(), evidence.reached.is_high());
+        let ends_are_known = entry.ends.are_known(rules.bounds);
+        let at_end = entry.ends.contain(position, rules.bounds);
+        let waits = self.worlds.has(Worlds::WAITING);
+        if self.worlds == Worlds::RUNS_ON.and(Worlds::FIRST) {
+            // It stays: the axis goes on, until another is taken.
+            let outcome = entry.passed_into(BufferMode::Buffered, cycle);
+            self.report(0, outcome, events);
+            return false;
+        }
+        let reached = high
+            && at_end
+            && !entry.runs_on
+            && match (waits, ends_are_known) {
+                (false, true) => true,
+                (false, false) => stands,
+                // Whether it has begun or not, it leads no further; on a modulo axis it may lead round.
+                (true, true) => stands && rules.bounds.turn.is_none(),
+                (true, false) => false,
+            };
+        if reached {
+            self.report(0, Ok(Completion::Reached { position }), events);
+            self.last_ends = Some(entry.ends);
+            if !waits {
+                self.clear();
+            }
+            return false;
+        }
+        if self.worlds == Worlds::DONE.and(Worlds::FIRST) {
+            if known.on_its_way != OnItsWay::Nothing {
+                // What shows may be of the next one.
+                return false;
+            }
+            let failure = if ends_are_known {
+                Failure::MissedTarget {
+                    target: entry.ends.middle(rules.bounds),
+                    actual: position,
+                }
+            } else {
+                cycle.unknown(Doubt::EndUnknown)
+            };
+            self.report(0, Err(failure), events);
+            self.last_ends = None;
+            self.clear();
+            return false;
+        }
+        self.judge_rest(cycle, known, events)
+    }
+
+    /// An axis has rested for as long as a set-point may take to begin, and some state of the drive may still lead it on.
+    fn judge_rest(&mut self, cycle: &Cycle<'_>, known: Known, events: &mut Events) -> bool {
+        if !self.rest.has_lasted() || known.on_its_way != OnItsWay::Nothing {
+            return false;
+        }
+        let doubt = if cycle.evidence.reached.is_high() {
+            Doubt::NotBegun
+        } else {
+            // At no end an input of the drive holds it, and may let it go on at any time.
+            let (position, bounds) = (cycle.evidence.position, cycle.rules.bounds);
+            let at_end = |entry: &Entry| {
+                entry.ends.are_known(bounds) && entry.ends.contain(position, bounds)
+            };
+            if !self.entries.iter().flatten().any(at_end) {
+                return false;
+            }
+            Doubt::StillLow
+        };
+        if !self.has_untold() {
+            return false;
+        }
+        self.give_up(doubt, cycle, events);
+        true
+    }
+
+    /// Whether there is one whose outcome is not reported.
+    pub fn has_untold(&self) -> bool {
+        let mut held = self.entries.iter().flatten();
+        held.any(|entry| entry.report != Report::Outcome)
+    }
+
+    /// The rest is not known. The drive may hold each of them, until it is seen outside of Operation enabled.
+    fn give_up(&mut self, doubt: Doubt, cycle: &Cycle<'_>, events: &mut Events) {
+        for place in 0..HELD {
+            self.report(place, Err(cycle.unknown(doubt)), events);
+        }
+    }
+
+    fn report(&mut self, place: usize, outcome: Result<Completion, Failure>, events: &mut Events) {
+        if let Some(Some(entry)) = self.entries.get_mut(place)
+            && entry.report != Report::Outcome
+        {
+            entry.report = Report::Outcome;
+            events.push(entry.id, Event::Done(outcome));
+        }
+    }
+
+    /// Nothing is held.
+    const fn clear(&mut self) {
+        self.entries = [None; HELD];
+        self.worlds = Worlds::NONE;
+    }
+
+    /// The drive has dropped all of them, or will (S6).
+    pub fn fail_all(&mut self, failure: Failure, events: &mut Events) {
+        let failure = failure.with_delivery(Delivery::Accepted);
+        for place in 0..HELD {
+            self.report(place, Err(failure), events);
+        }
+        self.clear();
+        self.last_ends = None;
+    }
+
+    /// The axis stands halted: says so of each, once for each halt.
+    pub fn report_halted(&mut self, events: &mut Events) {
+        for entry in self.entries.iter_mut().flatten() {
+            if entry.report == Report::Nothing {
+                entry.report = Report::Halted;
+                events.push(entry.id, Event::Halted);
+            }
+        }
+    }
+
+    /// Bit 8 falls. What was under way goes on, or waits to; from where it was halted it may come back to an end that it has passed.
+    pub fn resumed(&mut self, rules: &Rules<'_>) {
+        let under_way = self.worlds.and(Worlds::RUNNING).0 >> 1;
+        self.worlds = self.worlds.or(Worlds(under_way));
+        for entry in self.entries.iter_mut().flatten() {
+            entry.shown_by_way = false;
+            entry.turns = true;
+            entry.seen = rules.seen();
+            if entry.report == Report::Halted {
+                entry.report = Report::Nothing;
+            }
+        }
+        self.restart_times(rules);
+    }
+
+    /// When it has something to do without another word of the drive.
+    pub fn due(&self) -> Due {
+        let lasting = [self.rest, self.high, self.beyond];
+        let mut due = lasting
+            .into_iter()
+            .fold(Due::NEVER, |due, lasting| due.sooner(lasting.due()));
+        for (place, entry) in self.entries.iter().flatten().enumerate() {
+            due = due.sooner(entry.seen.due());
+            if place == 0 {
+                due = due.sooner(entry.begin.due());
+            }
+        }
+        due
+    }
+
+    /// Whether each position counts. While the only one is surely under way, bit 10 and rest alone end it.
+    pub fn follows_position(&self) -> bool {
+        let is_under_way = self.worlds.without(Worlds::RUNNING).is_empty();
+        self.has_untold() && !(is_under_way && self.count() == 1 && !self.runs_on())
+            || self.count() == HELD
+    }
+}
+
+impl Entry {
+    /// What the drive has acknowledged.
+    pub const fn new(
+        id: CommandId,
+        start: BufferMode,
+        runs_on: bool,
+        ends: Ends,
+        rules: &Rules<'_>,
+    ) -> Self {
+        Self {
+            id,
+            start,
+            runs_on,
+            ends,
+            turns: false,
+            shown_by_way: false,
+            sighting: Sighting::None,
+            report: Report::Nothing,
+            seen: rules.seen(),
+            begin: Timer::new(rules.begin),
+        }
+    }
+
+    /// Whether the axis has been seen at its end.
+    pub const fn was_met(&self) -> bool {
+        matches!(self.sighting, Sighting::At(_))
+    }
+
+    /// There was no way to go: the axis is at its end.
+    pub const fn meet(&mut self, position: i32) {
+        self.sighting = Sighting::At(position);
+    }
+
+    /// How it ended, with one that was started like this in its place.
+    fn passed_into(&self, next: BufferMode, cycle: &Cycle<'_>) -> Result<Completion, Failure> {
+        let actual = cycle.evidence.position;
+        match self.sighting {
+            Sighting::At(_) if next == BufferMode::Blending => {
+                Ok(Completion::Passed { position: actual })
+            }
+            Sighting::At(position) => Ok(Completion::Reached { position }),
+            Sighting::None | Sighting::Doubtful => Err(cycle.unknown(Doubt::Unseen)),
+        }
+    }
+}
