@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_stall_counts_for_no_more_than_a_quarter() {
-        let counted = |millis| Elapsed(millis * 1_000_000).of_samples(ms(100));
+        let counted = |millis: u64| Elapsed(millis * 1_000_000).of_samples(ms(100));
         assert_eq!(counted(24), Elapsed(24_000_000));
         assert_eq!(counted(26), Elapsed(25_000_000));
         assert_eq!(counted(10_000), Elapsed(25_000_000));

@@ -271,7 +271,7 @@ enum Left {
     Low,
     /// It was high, and has been since.
     High,
-    /// It was high, and has been low since.
+    /// It was high, and has been low since, if that word was not wrong.
     Fallen,
 }
 
@@ -285,7 +285,7 @@ impl Left {
     }
 
     fn note(&mut self, bit: Bit) {
-        if *self == Self::High && bit.is_low() {
+        if *self == Self::High && !bit.shows_high() {
             *self = Self::Fallen;
         }
     }
@@ -429,19 +429,25 @@ impl Run {
             None => {}
         }
         self.attained.note(evidence.acknowledge);
-        self.error.note(evidence.error);
+        if evidence.error.is_low() {
+            self.error.note(evidence.error);
+        }
         let position = evidence.position;
         self.place = self
             .place
             .filter(|&place| bounds.is_within_window(place, position));
-        let works = is_in_progress(evidence) || self.attained == Left::Fallen;
         let seen = self.seen.is_some_and(Timer::is_over);
         let attained = evidence.acknowledge.is_high() && !evidence.error.is_high();
-        if !self.idles_in_progress && works {
-            // The fall of what an earlier homing has left is this one's doing, and so is "in progress" where it is news.
+        let rose = seen && attained && self.attained == Left::Low;
+        if !self.idles_in_progress && is_in_progress(evidence) {
+            // "In progress" is news, and this one's doing.
             self.progress = Progress::Worked;
-        } else if self.idles_in_progress && seen && (attained || self.place.is_none()) {
-            // Where it is none, the axis leaves where it was, or bit 12 rises, after the drive has surely seen bit 4.
+        } else if rose
+            || (self.idles_in_progress && seen && self.place.is_none())
+            || (!self.idles_in_progress && self.attained == Left::Fallen)
+        {
+            // Bit 12 has risen, or the axis has left its place, after the drive has surely seen bit 4; or what an earlier homing has left has
+            // fallen.
             self.begin();
         }
     }
@@ -474,7 +480,7 @@ impl Run {
         let rested = self.rested.update(mine && stands, rules.begin, elapsed);
         let worked = match self.progress {
             Progress::Worked => true,
-            _ if motionless => true,
+            _ if motionless => self.attained == Left::Low || (proven && self.reads_home(cycle)),
             _ => {
                 let left = self.place.is_none() || self.reads_home(cycle);
                 self.start.is_over() && (self.attained == Left::Low || left)

@@ -5,11 +5,11 @@ use core::time::Duration;
 
 use super::{HomingCommand, HomingMethod, HomingVerdict, Procedure};
 use crate::{
-    ds402::{Controlword, Mode, ModeBits, Sample, Statusword},
+    ds402::{Controlword, ModeBits},
     profile_position::{
-        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, LastSeen, Limits,
-        Standstill, Traits, WaitingFor,
+        CommandId, Completion, Delivery, Event, Events, Eyes, Failure, WaitingFor,
     },
+    timer::Due,
 };
 
 const ID: CommandId = CommandId(7);
@@ -26,8 +26,7 @@ const ERROR: u16 = 0x2400;
 struct Dialogue {
     procedure: Procedure,
     events: Events,
-    standstill: Standstill,
-    last_seen: LastSeen,
+    eyes: Eyes,
     now: Duration,
     velocity: i32,
     position: i32,
@@ -45,10 +44,9 @@ impl Dialogue {
     /// An axis at this position.
     fn at(position: i32) -> Self {
         Self {
-            procedure: Procedure::new(Duration::from_secs(1)),
+            procedure: Procedure::new(),
             events: Events::new(),
-            standstill: Standstill::default(),
-            last_seen: LastSeen::default(),
+            eyes: Eyes::new(),
             now: Duration::ZERO,
             velocity: 0,
             position,
@@ -98,7 +96,7 @@ impl Dialogue {
         bits: u16,
     ) -> Self {
         let mut this = Self::at(500);
-        this.procedure = Procedure::new(standstill);
+        this.eyes.standstill = standstill;
         this.submit(until, method, bits);
         this
     }
@@ -109,37 +107,13 @@ impl Dialogue {
         self.position += self.velocity;
         self.sent = self.procedure.bits().word() | self.besides;
         if self.sends {
-            self.procedure.mark_sent(self.now);
+            self.procedure.mark_sent();
         }
-        let settle = Duration::from_millis(100);
-        let bounds = Bounds::new(10, Some(0), settle, Duration::from_millis(1), None);
-        let sample = Sample {
-            statusword: Statusword::from_bits_retain(ENABLED | bits),
-            mode: Mode::Homing,
-            position: self.position,
-            velocity: Some(self.velocity),
-            error_code: None,
-        };
-        self.standstill
-            .update(self.now, sample.position, sample.velocity, &bounds);
-        let cycle = Cycle {
-            now: self.now,
-            sample: &sample,
-            standstill: &self.standstill,
-            last_seen: &self.last_seen,
-            bounds: &bounds,
-            traits: &Traits::cia402(),
-            limits: &Limits::trust_drive(),
-            referenced: false,
-            delivered: self.delivered,
-            halted: self.halted,
-            blind: 0,
-            stalled: 0,
-            bit_11_is_valid: true,
-            acknowledge: Duration::from_millis(500),
-            begin: Duration::from_secs(2),
-            controlword: self.sent,
-        };
+        let mut cycle = self
+            .eyes
+            .see(self.now, ENABLED | bits, self.position, self.sent);
+        cycle.delivered = self.delivered;
+        cycle.halted = self.halted;
         self.verdict = self.procedure.step(&cycle, &mut self.events);
         self
     }
@@ -625,22 +599,18 @@ fn by(method: HomingMethod) -> HomingCommand {
     }
 }
 
-/// A cycle that changes nothing is stepped the cheap way, on every axis of a line.
 #[test]
-fn a_homing_that_nobody_asks_for_lets_a_cycle_be_cheap_once_the_low_of_bit_4_is_delivered() {
+fn a_homing_that_nobody_asks_for_needs_no_cycle_once_the_low_of_bit_4_is_delivered() {
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
-    assert!(
-        !homing.procedure.allows_idle_path(false),
-        "it is on its way"
-    );
+    assert_eq!(homing.procedure.due(true), Due::NEXT, "it is on its way");
     homing.procedure.lower();
-    assert!(homing.procedure.allows_idle_path(false), "in another mode");
-    assert!(!homing.procedure.allows_idle_path(true));
+    assert_eq!(homing.procedure.due(false), Due::NEVER, "in another mode");
+    assert_eq!(homing.procedure.due(true), Due::NEXT);
     homing.shows(NOT_STARTED);
-    assert!(homing.procedure.allows_idle_path(true) && homing.procedure.allows_idle_path(false));
+    assert_eq!(homing.procedure.due(true), Due::NEVER);
     let command = by(HomingMethod::NEGATIVE_LIMIT);
     homing.procedure.submit(ID, command, &mut homing.events);
-    assert!(!homing.procedure.allows_idle_path(true) && !homing.procedure.allows_idle_path(false));
+    assert_eq!(homing.procedure.due(true), Due::NEXT);
 }
 
 #[cfg(feature = "std")]
@@ -658,7 +628,7 @@ fn a_homing_is_under_way_from_its_bit_4_on_to_its_end() {
 
 #[test]
 fn one_homing_waits_at_a_time() {
-    let mut procedure = Procedure::new(Duration::from_secs(1));
+    let mut procedure = Procedure::new();
     let mut events = Events::new();
     let command = by(HomingMethod::NEGATIVE_LIMIT);
     procedure.submit(ID, command, &mut events);
@@ -684,10 +654,10 @@ fn a_homing_is_withdrawn_until_its_bit_4_is_sent() {
     assert!(!homing.is_high());
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
     assert!(
-        homing.procedure.mark_sent(homing.now),
+        homing.procedure.mark_sent(),
         "it has begun with this frame"
     );
-    assert!(!homing.procedure.mark_sent(homing.now));
+    assert!(!homing.procedure.mark_sent());
     assert!(!homing.procedure.withdraw(ID, failure, &mut homing.events));
     homing
         .procedure

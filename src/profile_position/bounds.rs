@@ -72,9 +72,4 @@ impl Bounds {
         // On the circle it fits.
         Circle::<32>::after(turn, from.into(), distance.into()) as i32
     }
-
-    /// The length of a modulo axis' turn; none on the number circle of 32 bits.
-    pub fn turn_length(&self) -> Option<i64> {
-        self.turn?.length().map(i64::from)
-    }
 }

@@ -147,6 +147,101 @@ impl Rules<'_> {
     }
 }
 
+/// What a drive shows from one millisecond to the next, for tests of the machines.
+#[cfg(test)]
+#[derive(Debug)]
+pub(crate) struct Eyes {
+    pub bounds: Bounds,
+    pub traits: Traits,
+    pub limits: Limits,
+    pub acknowledge: Duration,
+    pub begin: Duration,
+    pub standstill: Duration,
+    bits: [ShownBit; 3],
+    rest: super::Standstill,
+    last_seen: LastSeen,
+    now: Duration,
+    before: i32,
+}
+
+#[cfg(test)]
+impl Eyes {
+    pub fn new() -> Self {
+        let ms = Duration::from_millis;
+        Self {
+            bounds: Bounds::new(10, ms(100), ms(1), None),
+            traits: Traits::cia402(),
+            limits: Limits::trust_drive(),
+            acknowledge: ms(500),
+            begin: ms(2_000),
+            standstill: ms(1_000),
+            bits: [ShownBit::default(); 3],
+            rest: super::Standstill::default(),
+            last_seen: LastSeen::default(),
+            now: Duration::ZERO,
+            before: 0,
+        }
+    }
+
+    /// What is counted as rest before now is none.
+    pub fn count_rest_anew(&mut self) {
+        self.rest.begin_anew();
+    }
+
+    /// A cycle with this sample, up to this time.
+    pub fn see(
+        &mut self,
+        now: Duration,
+        word: u16,
+        position: i32,
+        controlword: Controlword,
+    ) -> Cycle<'_> {
+        let statusword = Statusword::from_bits_retain(word);
+        let elapsed = Elapsed(crate::timer::nanoseconds(now.saturating_sub(self.now)));
+        self.now = now;
+        let sample = crate::ds402::Sample {
+            statusword,
+            mode: crate::ds402::Mode::ProfilePosition,
+            position,
+            velocity: None,
+            error_code: None,
+        };
+        let rest = self.rest.update(&sample, elapsed, false, &self.bounds);
+        for (bit, number) in self.bits.iter_mut().zip([10, 12, 13]) {
+            bit.update(word >> number & 1 != 0, elapsed, self.traits.surely_seen());
+        }
+        let [reached, acknowledge, error] = self.bits.map(ShownBit::bit);
+        let before = core::mem::replace(&mut self.before, position);
+        Cycle {
+            now,
+            elapsed,
+            evidence: Evidence {
+                position,
+                before,
+                rest,
+                blind: false,
+                reached,
+                acknowledge,
+                error,
+            },
+            delivered: true,
+            halted: false,
+            statusword,
+            controlword,
+            last_seen: &self.last_seen,
+            rules: Rules {
+                traits: &self.traits,
+                bounds: &self.bounds,
+                limits: &self.limits,
+                referenced: true,
+                acknowledge: self.acknowledge,
+                begin: self.begin,
+                standstill: self.standstill,
+            },
+        }
+    }
+}
+
 impl Cycle<'_> {
     /// A wait for standstill, with what was seen instead.
     pub fn standstill(&self) -> WaitingFor {

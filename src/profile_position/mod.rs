@@ -21,6 +21,8 @@ pub(crate) use bounds::Bounds;
 use ends::Ends;
 pub(crate) use events::Events;
 pub use events::{CommandId, Completion, Event};
+#[cfg(test)]
+pub(crate) use evidence::Eyes;
 pub(crate) use evidence::{Bit, Cycle, Evidence, Rest, Rules, ShownBit};
 pub use failure::{
     Delivery, Doubt, Failure, FailureClass, Inhibit, ParameterFault, Unrest, Unsupported,

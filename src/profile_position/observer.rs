@@ -313,8 +313,10 @@ impl Observer {
         let stands = evidence.stands();
         // S4: with bit 10 low the last one has not ended.
         rule(low, Worlds::DONE.or(Worlds::RUNS_ON));
-        // S4: with bit 10 high none is under way at rest, nor for so long. One that is sure to be the active one settles.
-        let is_over = high && (stands || self.high.has_lasted()) && !full;
+        // S4: with bit 10 high none is under way at rest; nor, for so long, in motion, where the last one goes on at its end velocity. One that
+        // is sure to be the active one settles.
+        let runs_on = self.runs_on() && self.high.has_lasted();
+        let is_over = high && (stands || runs_on) && !full;
         rule(is_over, Worlds::RUNNING);
         // A1: an axis that leaves its rest is led by one that has begun.
         rule(evidence.rest == Rest::Left, Worlds::WAITING);

@@ -222,14 +222,15 @@ impl Sequencer {
 
     /// One cycle with inputs in Operation enabled and mode 1.
     pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
-        match self.handshake.step(cycle) {
+        let was_low = self.handshake.is_low();
+        let answer = self.handshake.step(cycle);
+        if !was_low {
+            self.fall_of_bit_4();
+        }
+        match answer {
             Answer::None => {}
-            Answer::Acknowledged(sent) => {
-                self.fall_of_bit_4();
-                self.accept(&sent, cycle, events);
-            }
+            Answer::Acknowledged(sent) => self.accept(&sent, cycle, events),
             Answer::GivenUp(sent, failure) => {
-                self.fall_of_bit_4();
                 events.push(sent.request.id, Event::Done(Err(failure)));
                 self.doubt(events);
             }

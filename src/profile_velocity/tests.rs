@@ -3,10 +3,7 @@
 use alloc::vec::Vec;
 
 use super::*;
-use crate::{
-    ds402::{Controlword, Mode, Sample, Statusword},
-    profile_position::{Bounds, LastSeen, Limits, Standstill, Traits},
-};
+use crate::{ds402::Controlword, profile_position::Eyes};
 
 const ID: CommandId = CommandId(3);
 const OTHER: CommandId = CommandId(4);
@@ -18,7 +15,7 @@ const fn ms(ms: u64) -> Duration {
 struct Scene {
     jog: Jogging,
     events: Events,
-    standstill: Standstill,
+    eyes: Eyes,
     now: Duration,
     position: i32,
     delivered: bool,
@@ -29,7 +26,7 @@ impl Scene {
         Self {
             jog: Jogging::new(),
             events: Events::new(),
-            standstill: Standstill::default(),
+            eyes: Eyes::new(),
             now: ms(10_000),
             position: 0,
             delivered: true,
@@ -55,35 +52,13 @@ impl Scene {
 
     fn step(&mut self) {
         self.now += ms(1);
-        let bounds = Bounds::new(10, Some(0), ms(100), ms(1), None);
-        self.standstill
-            .update(self.now, self.position, None, &bounds);
-        let sample = Sample {
-            statusword: Statusword::empty(),
-            mode: Mode::ProfileVelocity,
-            position: self.position,
-            velocity: None,
-            error_code: None,
-        };
-        let cycle = Cycle {
-            now: self.now,
-            sample: &sample,
-            standstill: &self.standstill,
-            bounds: &bounds,
-            last_seen: &LastSeen::default(),
-            traits: &Traits::cia402(),
-            limits: &Limits::trust_drive(),
-            referenced: true,
-            delivered: self.delivered,
-            halted: false,
-            blind: 0,
-            stalled: 0,
-            bit_11_is_valid: true,
-            acknowledge: ms(500),
-            begin: ms(2_000),
-            controlword: Controlword::empty(),
-        };
-        self.jog.step(&cycle, &mut self.events);
+        let mut cycle = self
+            .eyes
+            .see(self.now, 0x0237, self.position, Controlword::empty());
+        cycle.delivered = self.delivered;
+        if self.jog.step(&cycle, &mut self.events) == JogStep::Seen {
+            self.eyes.count_rest_anew();
+        }
     }
 
     fn reports(&mut self) -> Vec<(CommandId, Event)> {
@@ -98,7 +73,7 @@ fn said(jog: &Jogging) -> (i32, [bool; 5]) {
         jog.is_held(),
         jog.is_released(),
         jog.is_idle(),
-        jog.allows_idle_path(),
+        jog.due() == Due::NEVER,
     ];
     (jog.velocity(), flags)
 }
@@ -129,27 +104,27 @@ fn a_jog_says_what_it_is_from_its_first_word_to_its_rest() {
     assert_eq!(said(&scene.jog), (-50, [true, true, false, false, true]));
 
     assert!(
-        !scene.jog.set(OTHER, 60, Unanswered::default())
-            && scene.jog.set(ID, 60, Unanswered::default())
+        !scene.jog.set(OTHER, 60)
+            && scene.jog.set(ID, 60)
     );
     assert_eq!(scene.jog.velocity(), 60);
     assert!(
         !scene
             .jog
-            .release(OTHER, scene.now, false, Unanswered::default())
+            .release(OTHER, Timer::OVER, false)
     );
     assert!(
         scene
             .jog
-            .release(ID, scene.now + ms(5_000), false, Unanswered::default())
+            .release(ID, Timer::new(ms(5_000)), false)
     );
     assert_eq!(said(&scene.jog), (0, [true, false, true, false, false]));
     assert_eq!(scene.jog.id(), Some(ID));
     assert!(
-        !scene.jog.set(ID, 60, Unanswered::default())
+        !scene.jog.set(ID, 60)
             && !scene
                 .jog
-                .release(ID, scene.now, false, Unanswered::default())
+                .release(ID, Timer::OVER, false)
     );
 }
 
@@ -177,7 +152,7 @@ fn what_ends_a_jog_says_how_far_it_came() {
     let mut released = Scene::accepted();
     released
         .jog
-        .release(ID, ms(99_999), false, Unanswered::default());
+        .release(ID, Timer::new(ms(99_999)), false);
     for (mut scene, delivery) in [
         (Scene::held(), Delivery::NotSent),
         (sent, Delivery::Unknown),
@@ -201,7 +176,7 @@ fn a_jog_takes_over_from_one_that_comes_to_rest_and_not_from_one_that_is_held() 
     assert_eq!((scene.jog.id(), scene.jog.velocity()), (Some(ID), -50));
     scene
         .jog
-        .release(ID, ms(99_999), false, Unanswered::default());
+        .release(ID, Timer::new(ms(99_999)), false);
     scene.jog.submit(OTHER, 5.into(), &mut scene.events);
     assert_eq!(scene.reports(), [], "the next one was not sent");
     scene.jog.mark_sent(&mut scene.events);
@@ -228,7 +203,7 @@ fn a_released_jog_is_over_when_the_axis_has_stood_since_the_drive_took_the_zero_
         }
         scene
             .jog
-            .release(ID, scene.now + ms(5_000), by_itself, Unanswered::default());
+            .release(ID, Timer::new(ms(5_000)), by_itself);
         scene.step();
         scene.step();
         assert_eq!(scene.reports(), [], "the 0 was not sent");
@@ -251,7 +226,7 @@ fn a_released_jog_whose_axis_does_not_come_to_rest_ends_in_time() {
     let mut scene = Scene::accepted();
     scene
         .jog
-        .release(ID, scene.now + ms(50), false, Unanswered::default());
+        .release(ID, Timer::new(ms(50)), false);
     scene.jog.mark_sent(&mut scene.events);
     for _ in 0..49 {
         scene.position += 100;
@@ -291,7 +266,7 @@ fn a_holder_is_silent_after_its_dead_man_time_and_not_at_it() {
     assert!(!jog.is_silent(ms(150), ID, 2));
     assert!(jog.is_silent(ms(151), ID, 2));
     assert!(!jog.is_silent(ms(999), OTHER, 2));
-    jog.release(ID, ms(5_000), true, Unanswered::default());
+    jog.release(ID, Timer::new(ms(5_000)), true);
     assert!(!jog.has_dead_man() && !jog.is_silent(ms(999), ID, 2));
     assert!(!Scene::held().jog.has_dead_man());
     assert!(!Scene::held().jog.is_silent(ms(99_999), ID, 0));

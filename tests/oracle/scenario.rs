@@ -71,12 +71,8 @@ impl Ends {
 }
 
 /// Failures that leave open what has become of a set-point, or that a drive without habits gives no reason for.
-const DOUBTS: [&str; 7] = [
-    "Unseen",
-    "EndNotKnown",
-    "NotBegun",
-    "PerhapsSuperseded",
-    "Unconfirmed",
+const DOUBTS: [&str; 3] = [
+    "Unknown",
     "MissedTarget",
     "Timeout",
 ];

@@ -7,7 +7,7 @@ use super::played::{
     SWITCHED_ON, SlowModes, absolute,
 };
 use crate::{
-    axis::{
+    axis::{Doubt, ParameterFault, Unsupported,
         AxisFields, Command, Completion, CoreConfig, Delivery, Event, Failure, Referencing,
         WaitingFor,
     },
@@ -205,7 +205,7 @@ fn a_change_of_mode_says_what_is_in_its_way() {
     let mode = Mode::Homing;
     assert_eq!(
         drive.answer(TO_HOMING),
-        refused(Failure::ModeNotSupported { mode })
+        refused(Failure::Unsupported(Unsupported::Mode(mode)))
     );
     let mut drive = Played::enabled(Played::config());
     drive.submit(Command::Halt);
@@ -388,7 +388,11 @@ fn limits_hold_to_the_count() {
             fast.set_point = set_point;
             let limit = 700;
             let answer = drive.answer(Command::CheckMove(fast));
-            let too_fast = refused(Failure::TooFast { limit, velocity });
+            let too_fast = refused(Failure::BeyondLimit {
+                object: crate::coe::ObjectAddress::new(0x607F, 0),
+                limit,
+                asked: velocity.into(),
+            });
             assert_eq!(answer, if allowed { DONE } else { too_fast });
         }
     }
@@ -592,7 +596,10 @@ fn parameters_go_out_as_given_or_as_the_drive_held_them_where_they_are_mapped() 
             "motion profile type 6086h",
         ),
     ] {
-        let missing = Err(Failure::NotMapped(name));
+        let missing = Err(Failure::Parameter {
+            name: name,
+            fault: ParameterFault::NotMapped,
+        });
         assert_eq!(FIELDS.complete(&one, &held), missing);
         assert_eq!(MAPPED.complete(&one, &held).map(|_| ()), Ok(()), "{name}");
         assert_eq!(MAPPED.mapped(&one), one, "{name}");
@@ -621,11 +628,20 @@ fn parameters_go_out_as_given_or_as_the_drive_held_them_where_they_are_mapped() 
             "profile deceleration 6084h",
         ),
     ] {
-        assert_eq!(MAPPED.complete(&zero, &held), Err(Failure::Zero(name)));
-        assert_eq!(MAPPED.complete(&none, &zero), Err(Failure::Zero(name)));
+        assert_eq!(MAPPED.complete(&zero, &held), Err(Failure::Parameter {
+            name: name,
+            fault: ParameterFault::Zero,
+        }));
+        assert_eq!(MAPPED.complete(&none, &zero), Err(Failure::Parameter {
+            name: name,
+            fault: ParameterFault::Zero,
+        }));
     }
     let first = "profile velocity 6081h";
-    assert_eq!(MAPPED.complete(&none, &none), Err(Failure::Missing(first)));
+    assert_eq!(MAPPED.complete(&none, &none), Err(Failure::Parameter {
+            name: first,
+            fault: ParameterFault::Missing,
+        }));
 }
 
 #[test]
@@ -653,12 +669,15 @@ fn the_ramps_of_a_jog_go_out_in_its_mode_alone() {
     };
     assert!(matches!(
         no_velocity.complete_jog(&mut jog, &held),
-        Err(Failure::NotMapped(_))
+        Err(Failure::Parameter {
+            name: _,
+            fault: ParameterFault::NotMapped,
+        })
     ));
 
     let mut drive = Played::enabled_in(Mode::ProfileVelocity, config(FIELDS));
     let mut outputs = [0; 29];
-    drive.core.config.fields = MAPPED;
+    drive.core.known.config.0.fields = MAPPED;
     let id = crate::axis::CommandId(800);
     let jog = Command::Jog(JogSetPoint::new(-5).acceleration(12).deceleration(13));
     drive.core.submit(drive.now, id, jog, &mut outputs);
@@ -672,7 +691,10 @@ fn the_ramps_of_a_jog_go_out_in_its_mode_alone() {
 fn a_blend_with_ramps_that_are_not_known_is_refused_where_they_must_be_linear() {
     let mut blend = absolute(5);
     blend.set_point = SetPoint::new().buffer_mode(BufferMode::Blending);
-    let not_mapped = refused(Failure::NotMapped("motion profile type 6086h"));
+    let not_mapped = refused(Failure::Parameter {
+            name: "motion profile type 6086h",
+            fault: ParameterFault::NotMapped,
+        });
     for (buffer_mode, needs, expected) in [
         (BufferMode::Blending, true, not_mapped),
         (BufferMode::Blending, false, None),
@@ -744,7 +766,11 @@ fn the_end_of_the_last_move_is_no_base_any_more_once_a_homing_has_moved_the_zero
         Ok(Completion::Reached { position: 200 })
     );
     let ended = distance_ends(true);
-    assert!(matches!(ended, Err(Failure::NotBegun { .. })), "{ended:?}");
+    let not_begun = Doubt::NotBegun;
+    assert!(
+        matches!(ended, Err(Failure::Unknown { doubt, .. }) if doubt == not_begun),
+        "{ended:?}"
+    );
 }
 
 #[test]

@@ -8,8 +8,8 @@ use super::played::{
     SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
-    axis::{Command, CommandId, Completion, CoreConfig, Failure, WaitingFor, power::Power},
-    ds402::{Controlword, PowerCommand, QuickStopOption, State, Statusword},
+    axis::{Command, CommandId, Completion, CoreConfig, Failure, Inhibit, WaitingFor},
+    ds402::{Controlword, QuickStopOption, State, Statusword},
 };
 
 const DISABLE_VOLTAGE: u16 = 0x00;
@@ -86,25 +86,11 @@ fn a_drive_that_is_enabled_before_it_was_asked_to_is_led_down_first() {
 
 #[test]
 fn a_drive_that_is_not_enabled_in_time_is_told_what_keeps_it() {
-    type Names = fn(Statusword, Controlword) -> Failure;
-    let local: Names = |statusword, controlword| Failure::LocalControl {
-        statusword,
-        controlword,
-    };
-    let no_voltage: Names = |statusword, controlword| Failure::NoVoltage {
-        statusword,
-        controlword,
-    };
-    let disabled: Names = |statusword, controlword| Failure::SwitchOnRefused {
-        state: State::SwitchOnDisabled,
-        statusword,
-        controlword,
-    };
-    let ready: Names = |statusword, controlword| Failure::SwitchOnRefused {
-        state: State::ReadyToSwitchOn,
-        statusword,
-        controlword,
-    };
+    let refused = |by, state| (by, state);
+    let local = refused(Inhibit::LocalControl, State::SwitchOnDisabled);
+    let no_voltage = refused(Inhibit::NoVoltage, State::SwitchOnDisabled);
+    let disabled = refused(Inhibit::Unnamed, State::SwitchOnDisabled);
+    let ready = refused(Inhibit::Unnamed, State::ReadyToSwitchOn);
     // With bit 9 low; with bit 4 low; with both high. Of a drive whose bit 4 shows its voltage, and of others.
     for (statusword, shows_voltage, word, failure) in [
         (0x0050, true, SHUTDOWN, Some(local)),
@@ -134,11 +120,14 @@ fn a_drive_that_is_not_enabled_in_time_is_told_what_keeps_it() {
         assert_eq!(drive.word(), DISABLE_VOLTAGE, "{case}");
         match (drive.outcome(enabling), failure) {
             (Some(Err(shown)), Some(failure)) => {
-                let words = (
-                    Statusword::from_bits_retain(statusword),
-                    Controlword::from_bits_retain(word),
-                );
-                assert_eq!(shown, failure(words.0, words.1), "{case}");
+                let (by, state) = failure;
+                let refused = Failure::EnableRefused {
+                    by,
+                    state,
+                    statusword: Statusword::from_bits_retain(statusword),
+                    controlword: Controlword::from_bits_retain(word),
+                };
+                assert_eq!(shown, refused, "{case}");
             }
             (Some(Err(Failure::Timeout { waiting_for, .. })), None) => {
                 assert_eq!(
@@ -346,33 +335,3 @@ fn a_fault_ends_whatever_leads_the_axis_somewhere() {
     }
 }
 
-#[test]
-fn only_what_does_not_lead_up_takes_the_power_by_its_words() {
-    let enabling = |was_down| Power::Enabling {
-        id: CommandId(1),
-        deadline: Duration::ZERO,
-        was_down,
-        shown: None,
-    };
-    for (power, up) in [
-        (Power::Enabled, true),
-        (enabling(true), true),
-        (enabling(false), false),
-        (Power::Off, false),
-        (Power::Ready, false),
-        (Power::Holding, false),
-    ] {
-        assert_eq!(power.leads_up(), up, "{power:?}");
-        assert!(power.leads_down(PowerCommand::DisableVoltage), "{power:?}");
-        for command in [PowerCommand::Shutdown, PowerCommand::SwitchOn] {
-            assert_eq!(power.leads_down(command), !up, "{power:?}");
-        }
-        for command in [
-            PowerCommand::EnableOperation,
-            PowerCommand::QuickStop,
-            PowerCommand::FaultReset,
-        ] {
-            assert!(!power.leads_down(command), "{power:?}");
-        }
-    }
-}

@@ -7,7 +7,7 @@ use super::played::{
     QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
-    axis::{
+    axis::{Unsupported, 
         AxisFields, Command, CommandId, Completion, Delivery, Event, Failure, Inputs, StopRequest,
         WaitingFor,
     },
@@ -304,7 +304,7 @@ fn a_resume_says_what_is_in_its_way() {
     drive.shows_for(30, ENABLED);
     assert_eq!(
         drive.answer(Command::Resume),
-        Some(Err(Failure::ResumeUnsupported))
+        Some(Err(Failure::Unsupported(Unsupported::Resume)))
     );
     let mut drive = Played::enabled(config);
     drive.submit(Command::Halt);
@@ -354,18 +354,6 @@ fn eight_wait_for_one_standstill_and_each_of_them_once() {
     for id in waiting {
         assert_eq!(drive.outcome(id), stopped(State::SwitchOnDisabled));
     }
-}
-
-#[test]
-fn no_velocity_is_in_the_outputs_of_an_axis_that_is_not_enabled() {
-    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
-    let jog = drive.submit(Command::Jog(JogSetPoint::new(700)));
-    assert_eq!(drive.target_velocity(), 700);
-    drive.shows(ENABLED);
-    // Nothing that leaves Operation enabled leaves a jog; should one be left, it is not in the outputs.
-    drive.core.power = crate::axis::power::Power::Off;
-    assert!(drive.core.set_jog(jog, 500, &mut drive.outputs));
-    assert_eq!(drive.target_velocity(), 0);
 }
 
 #[test]
@@ -662,36 +650,4 @@ fn an_axis_that_freezes_with_its_halt_is_not_taken_for_one_at_rest() {
     let (cycles, result) = drive.cycles_to_end(halting, ENABLED);
     assert_eq!(cycles, 400);
     assert_never_stood(&drive, result);
-}
-
-/// What a search over all states may take for one. The axis stands in Quick stop active for longer than anything is waited for.
-#[test]
-fn how_long_ago_a_quick_stop_was_delivered_makes_no_difference_in_the_end() {
-    let after = |cycles: u32, canonicalizes: bool| {
-        let mut drive = Played::enabled(Played::staying());
-        drive.shows_for(3_000 - cycles, REACHED);
-        let stopping = drive.submit(Command::QuickStop);
-        drive.shows_for(cycles, QUICK_STOP_ACTIVE);
-        assert!(drive.outcome(stopping).is_some());
-        if canonicalizes {
-            drive.core.canonicalize(drive.now);
-        }
-        drive.fingerprint()
-    };
-    assert_ne!(after(1_000, false), after(2_000, false));
-    assert_eq!(after(1_000, true), after(2_000, true));
-}
-
-/// What a search over all states lets go of: the target of a set-point stays in the outputs until its bit 4 has gone out.
-#[test]
-fn a_target_that_is_still_to_be_sent_is_not_let_go_of() {
-    for sent in 0..3 {
-        let mut drive = Played::enabled(Played::config());
-        drive.move_to(1_000);
-        drive.shows_for(sent, REACHED);
-        drive.core.canonicalize(drive.now);
-        drive.shows(REACHED);
-        let outputs = (drive.word() & 0x10, drive.target());
-        assert_eq!(outputs, (0x10, 1_000), "after {sent} frames");
-    }
 }
