@@ -86,6 +86,11 @@ impl Lasting {
         self.has_lasted()
     }
 
+    /// Whether the last sample showed it.
+    pub const fn holds(self) -> bool {
+        self.0.is_some()
+    }
+
     pub const fn has_lasted(self) -> bool {
         matches!(self.0, Some(left) if left.is_over())
     }
@@ -119,8 +124,8 @@ impl Due {
 
     /// At what time, from this one on.
     #[inline]
-    pub const fn after(self, now: Duration) -> u64 {
-        nanoseconds(now).saturating_add(self.0)
+    pub const fn after(self, nanoseconds: u64) -> u64 {
+        nanoseconds.saturating_add(self.0)
     }
 }
 
@@ -149,8 +154,8 @@ mod tests {
         let soon = Timer::new(ms(1)).due();
         assert_eq!(soon.sooner(Due::NEVER), soon);
         assert_eq!(soon.sooner(Due::NEXT), Due::NEXT);
-        assert_eq!(soon.after(ms(2)), 3_000_000);
-        assert_eq!(Due::NEVER.after(ms(2)), u64::MAX);
+        assert_eq!(soon.after(2), 1_000_002);
+        assert_eq!(Due::NEVER.after(2), u64::MAX);
     }
 
     #[test]

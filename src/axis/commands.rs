@@ -143,8 +143,7 @@ impl Machines {
         } else {
             self.modes.select(id, to, by_sdo, step);
             let rests = self.rests_for_mode(step);
-            self.modes
-                .write(rests, step.position(), &mut self.events.0);
+            self.modes.write(rests, step.position(), &mut self.events.0);
             return;
         };
         self.done(id, answer);
@@ -190,17 +189,10 @@ impl Machines {
         let checked = self
             .check_jogging(step, set_point.velocity)
             .and_then(|()| set_point.check_dead_man())
-            .and_then(|()| {
-                config
-                    .fields
-                    .complete_jog(&mut set_point, &config.defaults)
-            });
+            .and_then(|()| config.fields.complete_jog(&mut set_point, &config.defaults));
         match checked {
             Err(failure) => self.done(id, Err(failure)),
-            Ok(()) => self
-                .modes
-                .jogging
-                .submit(id, set_point, &mut self.events.0),
+            Ok(()) => self.modes.jogging.submit(id, set_point, &mut self.events.0),
         }
     }
 

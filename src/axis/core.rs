@@ -16,7 +16,7 @@ use crate::{
 use super::{
     Command, CoreConfig, Inputs, Snapshot, StopRequest,
     commands::check_jog_velocity,
-    machines::{CountRest, Machines, Step},
+    machines::{Machines, Step},
     observed::{Aside, News, Observed},
     outputs::{CommandedMode, ManufacturerBits},
     snapshot::SnapshotChange,
@@ -157,13 +157,9 @@ impl AxisCore {
         }
         let number = self.report.0.cycle;
         let known = &mut self.known;
-        let news = known.observed.take_in(
-            now,
-            number,
-            &inputs,
-            &known.config.0,
-            &known.bounds.0,
-        );
+        let news = known
+            .observed
+            .take_in(now, number, &inputs, &known.config.0, &known.bounds.0);
         let answered = self.known.observed.link.answered;
         let change = &mut self.report.0.change;
         *change = change.and(news.change(answered));
@@ -185,7 +181,9 @@ impl AxisCore {
         let answered = self.known.observed.link.answered;
         if answered {
             let waits = self.machines.awaits_standstill();
-            self.known.observed.note_unrest(now, waits, &self.known.bounds.0);
+            self.known
+                .observed
+                .note_unrest(now, waits, &self.known.bounds.0);
             let step = self.known.step(&self.machines, now, elapsed);
             self.machines.step(step);
         }
@@ -195,7 +193,7 @@ impl AxisCore {
             News::Silent => self.machines.fall_silent(&step),
             News::None | News::Position | News::Shown => {}
         }
-        self.finish(now, outputs);
+        self.finish(outputs);
     }
 
     /// What was sent with the frame of this cycle.
@@ -225,7 +223,7 @@ impl AxisCore {
             self.machines.begin_halt(&step);
             self.machines.stopping.halt.unwatched = true;
         }
-        self.finish(now, outputs);
+        self.finish(outputs);
         rose && !self.machines.outputs.rises()
     }
 
@@ -257,7 +255,7 @@ impl AxisCore {
             let step = self.known.between(&self.machines, now);
             self.machines.begin(&step, id, command);
         }
-        self.finish(now, outputs);
+        self.finish(outputs);
     }
 
     /// Takes the next report; drain it after every other call.
@@ -270,9 +268,7 @@ impl AxisCore {
     /// handshake completes.
     pub fn withdraw(&mut self, id: CommandId, outputs: &mut [u8]) -> bool {
         let (config, machines) = (&self.known.config.0, &mut self.machines);
-        let withdrawn = machines
-            .modes
-            .withdraw(id, config, &mut machines.events.0);
+        let withdrawn = machines.modes.withdraw(id, config, &mut machines.events.0);
         if withdrawn {
             self.compose(outputs);
         }
@@ -292,13 +288,13 @@ impl AxisCore {
     /// Whether a gated move has all that it needs in this cycle.
     #[must_use]
     pub fn is_armed(&self, id: CommandId) -> bool {
-        self.machines.modes.sequencer.is_armed(id)
+        self.known.observed.link.is_whole() && self.machines.modes.sequencer.is_armed(id)
     }
 
     /// Releases a gated, armed move: its bit 4 rises in the outputs that are sent next. Call it in the cycle in which
     /// [`AxisCore::is_armed`] said so, after `step`. On inputs that are not fresh nothing is released.
     pub fn fire(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
-        if self.known.observed.link.is_whole() {
+        if self.is_armed(id) {
             let step = self.known.between(&self.machines, now);
             let cycle = self.machines.cycle(&step);
             self.machines.modes.sequencer.fire(id, &cycle);
@@ -355,7 +351,7 @@ impl AxisCore {
         let left = self.known.between(&self.machines, now).deadline();
         let held = self.machines.modes.jogging.release(id, left, by_itself);
         if held {
-            self.finish(now, outputs);
+            self.finish(outputs);
         }
         held
     }
@@ -423,26 +419,31 @@ impl AxisCore {
 
     /// What 603Fh shows, where it is mapped and not 0.
     pub(crate) fn error_code(&self) -> Option<u16> {
-        self.known.observed.sample?.error_code.filter(|&code| code != 0)
+        self.known
+            .observed
+            .sample?
+            .error_code
+            .filter(|&code| code != 0)
     }
 
     // How the parts come together.
 
     /// The machines have done something: what comes of that goes out.
-    fn finish(&mut self, now: Duration, outputs: &mut [u8]) {
+    fn finish(&mut self, outputs: &mut [u8]) {
         self.count_rest();
         self.compose(outputs);
         let in_mode = self.known.observed.mode() == self.machines.modes.active()
             && self.machines.is_stepped_in(self.known.observed.state());
         let due = self.machines.due(in_mode).sooner(self.known.observed.due());
         let attention = &mut self.attention.0;
-        attention.due = due.after(now);
+        attention.due = due.after(self.known.stepped.0);
         attention.follows_position = self.machines.follows_position(in_mode);
     }
 
     fn count_rest(&mut self) {
-        let count = core::mem::replace(&mut self.machines.count_rest.0, CountRest::On);
-        self.known.observed.count_rest(count);
+        if core::mem::take(&mut self.machines.counts_rest_anew.0) {
+            self.known.observed.count_rest_anew();
+        }
     }
 
     /// The next cycle is not left out.
@@ -451,7 +452,10 @@ impl AxisCore {
     }
 
     fn compose(&mut self, outputs: &mut [u8]) {
-        let lacks_voltage = self.known.between(&self.machines, Duration::ZERO).lacks_voltage();
+        let lacks_voltage = self
+            .known
+            .between(&self.machines, Duration::ZERO)
+            .lacks_voltage();
         let (state, stands) = (self.known.observed.state(), self.known.observed.stands());
         self.machines.compose(state, stands, lacks_voltage);
         self.report.0.change = SnapshotChange::Anything;
@@ -589,7 +593,7 @@ impl AxisCore {
         let state = self.known.observed.state();
         self.machines.restart(&self.known.config.0, state, is_anew);
         self.known.follow(&mut self.machines.modes.sequencer);
-        self.finish(now, outputs);
+        self.finish(outputs);
     }
 
     /// What was read of the drive of an axis that is commanded nothing yet.
@@ -600,7 +604,7 @@ impl AxisCore {
         *self.known.config.0 = config;
         self.known.bounds = Aside(bounds);
         // It was seen with other windows.
-        self.known.observed.count_rest(CountRest::Anew);
+        self.known.observed.count_rest_anew();
         self.report.0.change = SnapshotChange::Anything;
         self.step_next();
     }

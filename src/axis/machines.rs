@@ -174,16 +174,6 @@ impl<'a> Step<'a> {
     }
 }
 
-/// What rest is to be counted from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum CountRest {
-    On,
-    /// From now on: the axis may set off, or is told to stop.
-    Anew,
-    /// It is told to stop under way: from the next sample that differs from this one.
-    WhenAlive,
-}
-
 /// The machines of an axis.
 #[derive(Debug, Clone, Hash)]
 pub(super) struct Machines {
@@ -196,7 +186,8 @@ pub(super) struct Machines {
     pub resuming: Option<Resuming>,
     /// The state in the last cycle.
     state: State,
-    pub count_rest: Aside<CountRest>,
+    /// Rest is to be counted anew.
+    pub counts_rest_anew: Aside<bool>,
     /// Why the axis is not driven any more, without having been stopped by a command: until somebody takes it.
     pub fallen: Aside<Option<Failure>>,
     pub events: Aside<Events>,
@@ -220,7 +211,7 @@ impl Machines {
             outputs: Outputs::new(),
             resuming: None,
             state: State::NotReadyToSwitchOn,
-            count_rest: Aside(CountRest::On),
+            counts_rest_anew: Aside(false),
             fallen: Aside(None),
             events: Aside(Events::new()),
         }
@@ -229,11 +220,12 @@ impl Machines {
     /// One cycle with inputs.
     pub fn step(&mut self, step: Step<'_>) {
         let mut step = step;
-        self.note_state(&step);
+        let before = core::mem::replace(&mut self.state, step.state);
+        self.note_state(&step, before);
         self.doubt_rest(&mut step);
         self.step_brake(&mut step);
         if step.state.is_fault() {
-            self.apply_fault(&step);
+            self.apply_fault(&step, before);
         }
         let rests = self.rests_for_mode(&step);
         let events = &mut self.events.0;
@@ -251,21 +243,19 @@ impl Machines {
 
     /// Where the drive begins to stop an axis that was under way, or that it may set going, that it stood before says nothing. One that
     /// our stop has brought to rest before its quick stop stands.
-    fn note_state(&mut self, step: &Step<'_>) {
-        let before = core::mem::replace(&mut self.state, step.state);
+    fn note_state(&mut self, step: &Step<'_>, before: State) {
         let leaves = before == State::OperationEnabled && step.state != before;
         let stops = step.state == State::QuickStopActive && step.state != before;
-        let stands = step.stands()
-            && (!self.modes.has_motion()
-                || (self.stopping.is_quick() && self.stopping.stands_halted(step)));
-        if (leaves || stops) && !stands {
-            self.count_rest = Aside(CountRest::Anew);
+        let stands_halted = self.stopping.is_quick() && self.stopping.stands_halted(step);
+        let stands = step.stands() && !self.modes.has_motion() && !stops;
+        if (leaves || stops) && !stands && !stands_halted {
+            self.counts_rest_anew = Aside(true);
         }
     }
 
     /// Where rest is to be counted anew, the axis does not stand.
     fn doubt_rest(&self, step: &mut Step<'_>) {
-        if self.count_rest.0 == CountRest::Anew {
+        if self.counts_rest_anew.0 {
             step.evidence.rest = Rest::Moving;
         }
     }
@@ -282,9 +272,9 @@ impl Machines {
         step.brake = self.brake;
     }
 
-    /// A fault ends everything; nothing here resets it. Should the drive go on by itself, the axis is led down. Who waits for a stop
-    /// waits for the standstill.
-    fn apply_fault(&mut self, step: &Step<'_>) {
+    /// A fault ends everything; nothing here resets it. Should the drive go on by itself, the axis is led down. Who waited for a stop
+    /// before waits for the standstill.
+    fn apply_fault(&mut self, step: &Step<'_>, before: State) {
         let failure = step.fault();
         if self.power.is_driving() {
             self.fallen = Aside(Some(failure));
@@ -293,16 +283,8 @@ impl Machines {
             self.power = Power::Off;
             self.wait_for_stop(id);
         }
-        let waits = self.stopping.note_fault(failure);
-        if !matches!(self.stopping.phase, StopPhase::Settling { .. }) {
-            self.stopping.off = false;
-            self.stopping.phase = if waits {
-                StopPhase::Settling {
-                    left: self.stopping.left(step.deadline()),
-                }
-            } else {
-                StopPhase::None
-            };
+        if !before.is_fault() {
+            self.stopping.fault(failure, step.deadline());
         }
         // A reset that is under way goes on to its own end, also where another state was shown between two faults.
         if !self.power.is_resetting() {
@@ -367,10 +349,7 @@ impl Machines {
 
     fn apply_halt(&mut self, step: &Step<'_>, stepped: StopStep) {
         match stepped {
-            StopStep::HaltDelivered if self.modes.has_motion() => {
-                self.count_rest = Aside(CountRest::WhenAlive);
-            }
-            StopStep::HaltSeen => self.count_rest = Aside(CountRest::Anew),
+            StopStep::HaltSeen => self.counts_rest_anew = Aside(true),
             // Of a stop under way the halt is the first part alone: no set-point is kept, and who waits gets the stop as the reason.
             StopStep::Halted if !self.stopping.is_active() => {
                 let events = &mut self.events.0;
@@ -445,7 +424,9 @@ impl Machines {
                 self.fail_commands(step, failure);
                 self.finish_stop(Err(failure));
                 self.power = Power::Off;
-                self.brake.give_up();
+                if failure != Failure::QuickStopIgnored {
+                    self.brake.give_up();
+                }
                 self.stopping.phase = StopPhase::Off {
                     left: step.timer(step.config.deadlines.disable),
                 };
@@ -470,10 +451,7 @@ impl Machines {
                 let left = self.stopping.left(step.deadline());
                 self.stopping.begin_quick(left);
             }
-            StopStep::Nothing
-            | StopStep::Halted
-            | StopStep::HaltDelivered
-            | StopStep::HaltSeen => {}
+            StopStep::Nothing | StopStep::Halted | StopStep::HaltSeen => {}
         }
     }
 
@@ -493,7 +471,7 @@ impl Machines {
         let events = &mut self.events.0;
         match self.modes.step(&cycle, step.mode, events) {
             ModeStepped::Nothing => {}
-            ModeStepped::CountRest(count) => self.count_rest = Aside(count),
+            ModeStepped::CountRestAnew => self.counts_rest_anew = Aside(true),
             ModeStepped::QuickStop => {
                 self.fallen = Aside(Some(Failure::QUICK_STOPPED));
                 self.begin_quick_stop(step);
@@ -523,7 +501,7 @@ impl Machines {
 
     /// Whether something is in the outputs, or was asked for, that no frame has brought.
     pub fn has_unsent(&self) -> bool {
-        !self.outputs.is_sent() || self.resuming.is_some()
+        !self.outputs.is_sent() || self.resuming.is_some() || self.modes.jogging.is_unsent()
     }
 
     /// The drive begins again: nothing is commanded. One that may still be moving is held, since switching off would let it coast.
@@ -571,6 +549,7 @@ impl Machines {
             acknowledge: config.deadlines.acknowledge,
             begin: config.deadlines.begin,
             standstill: config.deadlines.standstill,
+            ahead: step.ahead,
         }
     }
 
@@ -587,7 +566,7 @@ impl Machines {
     /// The outputs composed last have been sent. Whether a motion may have begun with them.
     pub fn mark_sent(&mut self, rules: &Rules<'_>) {
         if self.outputs.set_off(self.modes.has_motion()) {
-            self.count_rest = Aside(CountRest::Anew);
+            self.counts_rest_anew = Aside(true);
         }
         self.outputs.mark_sent();
         self.modes.mark_sent(&mut self.events.0);
@@ -645,7 +624,7 @@ impl Machines {
 
     /// When a machine has something to do without a word of the drive.
     pub fn due(&self, step_in_mode: bool) -> Due {
-        Due::next_if(!self.outputs.is_sent() || self.resuming.is_some())
+        Due::next_if(self.has_unsent())
             .sooner(self.power.due())
             .sooner(self.brake.due())
             .sooner(self.stopping.due())
@@ -698,7 +677,7 @@ impl Machines {
         let driven = self.power.is_driving();
         if self.modes.has_motion() {
             // Since it was seen last its drive may have set off.
-            self.count_rest = Aside(CountRest::Anew);
+            self.counts_rest_anew = Aside(true);
         }
         let failure = Self::failure_of_loss(answered);
         self.fail_motions(failure);
@@ -766,10 +745,7 @@ impl Machines {
 
     /// Whether the drive moves, or holds, an axis that we have not enabled: it was found so, or somebody else has enabled it.
     fn runs_unasked(&self, step: &Step<'_>) -> bool {
-        let powered = matches!(
-            step.state,
-            State::OperationEnabled | State::QuickStopActive
-        );
+        let powered = matches!(step.state, State::OperationEnabled | State::QuickStopActive);
         !self.power.is_driving() && (self.stopping.is_quick() || powered && !step.stands())
     }
 
@@ -864,7 +840,7 @@ impl Machines {
     fn withdraw_unsent(&mut self, failure: Failure) {
         if self.modes.jogging.has_motion() {
             // Its drive may set off just now.
-            self.count_rest = Aside(CountRest::Anew);
+            self.counts_rest_anew = Aside(true);
         }
         self.modes.withdraw_unsent(failure, &mut self.events.0);
     }

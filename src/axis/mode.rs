@@ -11,10 +11,7 @@ use crate::{
     timer::{Due, Timer},
 };
 
-use super::{
-    CoreConfig,
-    machines::{CountRest, Step},
-};
+use super::{CoreConfig, machines::Step};
 
 /// The machines of the modes, and which of them is active.
 #[derive(Debug, Clone, Hash)]
@@ -25,6 +22,8 @@ pub(super) struct Modes {
     /// What 6060h is, or is to be.
     active: Mode,
     change: Option<ModeChange>,
+    /// What 6060h is, or is about to be, by SDO, until 6061h has shown it.
+    by_sdo: Option<Mode>,
     /// So long the drive may come to a mode that was taken back: nothing begins before.
     hold: Timer,
     /// Since no bit of a mode and no velocity is known to have been delivered: until the drive has surely seen that.
@@ -59,8 +58,6 @@ enum ModeStep {
     Quiet { by_sdo: bool },
     /// 6060h is in the outputs, or was written by SDO: 6061h is awaited.
     Written,
-    /// Whoever writes 6060h by SDO has been asked to. Until a mode is awaited nobody knows which one the drive comes to.
-    BySdo,
 }
 
 /// What a machine of a mode asks for.
@@ -70,8 +67,7 @@ pub(super) enum ModeStepped {
     QuickStop,
     /// Halt, then quick stop.
     Stop,
-    /// Rest is to be counted anew, or from the next sign of life.
-    CountRest(CountRest),
+    CountRestAnew,
 }
 
 impl Modes {
@@ -82,6 +78,7 @@ impl Modes {
             jogging: Jogging::new(),
             active: config.mode,
             change: None,
+            by_sdo: None,
             hold: Timer::OVER,
             quiet: None,
             reference: Reference::of(config.homed),
@@ -91,10 +88,9 @@ impl Modes {
     /// The machines begin again; what was written by SDO, or taken back, is in the drive still. `is_anew`: a drive that was without power
     /// comes to nothing that was taken back.
     pub fn restart(&mut self, config: &CoreConfig, is_anew: bool) {
-        let by_sdo = |change: &ModeChange| change.step == ModeStep::BySdo;
         *self = Self {
             active: self.active,
-            change: self.change.filter(by_sdo),
+            by_sdo: self.by_sdo,
             hold: if is_anew { Timer::OVER } else { self.hold },
             reference: self.reference,
             ..Self::new(config)
@@ -200,6 +196,12 @@ impl Modes {
         self.sequencer.withdraw_unsent(failure, events);
         self.homing.withdraw_unsent(failure, events);
         self.jogging.end(failure, events);
+        if let Some(change) = self
+            .change
+            .take_if(|change| change.step != ModeStep::Written)
+        {
+            events.push(change.id, Event::Done(Err(failure)));
+        }
     }
 
     /// Withdraws a motion that was not sent, or a change of mode; whether there was one.
@@ -208,7 +210,7 @@ impl Modes {
         let withdrawn = self.sequencer.withdraw(id, failure, events)
             || self.homing.withdraw(id, failure, events)
             || self.jogging.withdraw(id, failure, events);
-        let awaited = self.awaited().is_some_and(|change| change.id == id);
+        let awaited = self.change.is_some_and(|change| change.id == id);
         if awaited {
             self.fail_change(failure, config, events);
         }
@@ -225,8 +227,7 @@ impl Modes {
 
     /// Whether a motion in this mode may begin, of a drive that shows this one.
     pub fn check(&self, expected: Mode, shown: Mode) -> Result<(), Failure> {
-        let is_changing = self.change.is_some() || !self.hold.is_over();
-        if is_changing || shown != expected || self.active != expected {
+        if !self.is_settled() || shown != expected || self.active != expected {
             return Err(Failure::WrongMode {
                 expected,
                 shown,
@@ -236,26 +237,27 @@ impl Modes {
         Ok(())
     }
 
-    /// Whether a change of mode is under way that somebody awaits.
-    pub fn is_changing(&self) -> bool {
-        self.awaited().is_some()
+    /// Whether a change of mode is under way.
+    pub const fn is_changing(&self) -> bool {
+        self.change.is_some()
     }
 
-    fn awaited(&self) -> Option<ModeChange> {
-        self.change.filter(|change| change.step != ModeStep::BySdo)
+    /// Whether the drive comes to no other mode.
+    const fn is_settled(&self) -> bool {
+        self.change.is_none() && self.by_sdo.is_none() && self.hold.is_over()
     }
 
     /// Whether this mode is active already, and shown.
     pub fn is_there(&self, to: Mode, shown: Mode) -> bool {
-        shown == to && self.active == to && self.change.is_none() && self.hold.is_over()
+        shown == to && self.active == to && self.is_settled()
     }
 
     /// A change of mode begins: it is written as soon as nothing of the last mode is left.
     pub fn select(&mut self, id: CommandId, to: Mode, by_sdo: bool, step: &Step<'_>) {
         let config = step.config;
         let left = step.timer(config.deadlines.mode);
-        // The drive may come to a mode that was written by SDO before.
-        if config.fields.mode.is_none() && self.change.is_some_and(|change| change.to != to) {
+        // The drive may come to the one that was written before.
+        if self.by_sdo.is_some_and(|mode| mode != to) {
             self.hold = left;
         }
         self.change = Some(ModeChange {
@@ -270,22 +272,23 @@ impl Modes {
     /// Writes 6060h, or says that it may be written, once nothing of the last mode is left that the next could take for its own. `rests`:
     /// nor does the axis move, nor go on.
     pub fn write(&mut self, rests: bool, position: i32, events: &mut Events) {
-        let quiet = self.quiet.is_some_and(Timer::is_over) && self.hold.is_over();
         let Some(change) = &mut self.change else {
             return;
         };
         let ModeStep::Quiet { by_sdo } = change.step else {
             return;
         };
-        if !(quiet && rests) {
+        let quiet = self.quiet.is_some_and(Timer::is_over);
+        if !(quiet && rests && (by_sdo || self.hold.is_over())) {
             return;
         }
         // 607Ah still holds the last move's target or distance; another mode may follow it at once.
         self.sequencer.follow_position(position);
         if by_sdo {
-            change.step = ModeStep::BySdo;
+            self.by_sdo = Some(change.to);
             let prepared = Ok(Completion::Prepared { mode: change.to });
             events.push(change.id, Event::Done(prepared));
+            self.change = None;
         } else {
             change.step = ModeStep::Written;
             self.active = change.to;
@@ -304,15 +307,15 @@ impl Modes {
             None => {}
         }
         self.write(rests, step.position(), events);
-        let Some(mut change) = self.awaited() else {
+        let Some(change) = &mut self.change else {
             return;
         };
         if self.hold.is_over() {
             change.left.pass(step.elapsed);
         }
-        self.change = Some(change);
+        let change = *change;
         if change.step == ModeStep::Written && step.mode == change.to {
-            self.change = None;
+            (self.change, self.by_sdo) = (None, None);
             events.push(change.id, Event::Done(Ok(Completion::Done)));
         } else if change.left.is_over() {
             let moves = matches!(change.step, ModeStep::Quiet { .. }) && !step.stands();
@@ -325,19 +328,14 @@ impl Modes {
         }
     }
 
-    /// A change of mode that somebody awaits ends; the mode before is in the outputs again.
+    /// A change of mode ends; the mode before is in the outputs again. What was written by SDO stays in the drive.
     pub fn fail_change(&mut self, failure: Failure, config: &CoreConfig, events: &mut Events) {
-        let Some(change) = self.awaited() else { return };
-        let is_written = change.step == ModeStep::Written;
+        let Some(change) = self.change.take() else {
+            return;
+        };
         self.active = change.before;
-        self.change = None;
-        if is_written && config.fields.mode.is_none() {
-            // Nothing takes it back: until a mode was selected, the drive may come to this one at any time.
-            self.change = Some(ModeChange {
-                step: ModeStep::BySdo,
-                ..change
-            });
-        } else if is_written && change.to != change.before {
+        let is_in_outputs = change.step == ModeStep::Written && config.fields.mode.is_some();
+        if is_in_outputs && change.to != change.before {
             self.hold = Timer::new(config.deadlines.mode);
         }
         events.push(change.id, Event::Done(Err(failure)));
@@ -363,9 +361,11 @@ impl Modes {
             self.sequencer.step(cycle, events);
             return ModeStepped::Nothing;
         }
-        // Another mode may lead the axis anywhere, and whoever looks at 607Ah finds no jump, not even after the zero has moved.
+        // Whoever looks at 607Ah finds no jump, not even after the zero has moved.
         self.sequencer.follow_position(cycle.evidence.position);
-        self.sequencer.forget_place();
+        if self.has_motion() {
+            self.sequencer.forget_place();
+        }
         match self.active {
             Mode::Homing => match self.homing.step(cycle, events) {
                 HomingVerdict::GoOn => {}
@@ -375,8 +375,7 @@ impl Modes {
             },
             Mode::ProfileVelocity => match self.jogging.step(cycle, events) {
                 JogStep::GoOn => {}
-                JogStep::Delivered => return ModeStepped::CountRest(CountRest::WhenAlive),
-                JogStep::Seen => return ModeStepped::CountRest(CountRest::Anew),
+                JogStep::Seen => return ModeStepped::CountRestAnew,
                 JogStep::RunsOn => return ModeStepped::QuickStop,
             },
             _ => {}
@@ -386,17 +385,14 @@ impl Modes {
 
     /// When it has something to do without a word of the drive. `in_mode`: the machine of the active mode is stepped.
     pub fn due(&self, in_mode: bool) -> Due {
-        let change = Due::next_if(self.awaited().is_some());
+        let change = Due::next_if(self.change.is_some());
         let machine = match self.active {
             Mode::ProfilePosition => self.sequencer.due(in_mode),
             Mode::Homing => self.homing.due(in_mode),
             _ => self.jogging.due(),
         };
         let quiet = self.quiet.map_or(Due::NEVER, Timer::due);
-        change
-            .sooner(machine)
-            .sooner(self.hold.due())
-            .sooner(quiet)
+        change.sooner(machine).sooner(self.hold.due()).sooner(quiet)
     }
 
     /// Whether each position counts. `in_mode` as above.

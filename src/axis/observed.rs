@@ -11,7 +11,7 @@ use crate::{
     timer::{Due, Elapsed, nanoseconds},
 };
 
-use super::{CoreConfig, Inputs, Loss, machines::CountRest, snapshot::SnapshotChange};
+use super::{CoreConfig, Inputs, Loss, snapshot::SnapshotChange};
 
 /// What was seen of an axis.
 #[derive(Debug, Clone, Hash)]
@@ -161,7 +161,9 @@ impl Observed {
         let blind = was_stale > 0 || stalled;
         let before = self.sample.replace(sample);
         self.before = before.map_or(sample.position, |before| before.position);
-        let rest = self.standstill.update(&sample, elapsed, blind, bounds);
+        let rest = self
+            .standstill
+            .update(sample.position, elapsed, blind, bounds);
         let mut news = News::None;
         if rest != self.rest {
             self.rest = rest;
@@ -222,16 +224,10 @@ impl Observed {
         self.standstill.is_standing()
     }
 
-    /// What rest is counted from.
-    pub fn count_rest(&mut self, count: CountRest) {
-        match (count, self.sample) {
-            (CountRest::Anew, _) => {
-                self.standstill.begin_anew();
-                self.rest = Rest::Moving;
-            }
-            (CountRest::WhenAlive, Some(sample)) => self.standstill.freeze(sample),
-            (CountRest::WhenAlive, None) | (CountRest::On, _) => {}
-        }
+    /// Rest counts from now on: the axis may set off, or is told to stop.
+    pub const fn count_rest_anew(&mut self) {
+        self.standstill.begin_anew();
+        self.rest = Rest::Moving;
     }
 
     /// Nothing has been seen of the drive as it is now.

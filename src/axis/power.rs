@@ -161,10 +161,7 @@ impl Power {
                 if left.is_over() {
                     *self = Self::Off;
                     let waiting_for = WaitingFor::State(State::SwitchOnDisabled);
-                    return PowerStep::Done(
-                        id,
-                        Err(step.timeout(waiting_for, Delivery::NotSent)),
-                    );
+                    return PowerStep::Done(id, Err(step.timeout(waiting_for, Delivery::NotSent)));
                 }
             }
             Self::Enabling { id, left, was_down } => {
@@ -215,11 +212,7 @@ impl Reset {
     }
 
     /// One cycle; the result, once there is one.
-    fn step(
-        &mut self,
-        edges: &mut u8,
-        step: &Step<'_>,
-    ) -> Option<Result<Completion, Failure>> {
+    fn step(&mut self, edges: &mut u8, step: &Step<'_>) -> Option<Result<Completion, Failure>> {
         let (state, deadlines) = (step.state, &step.config.deadlines);
         match self {
             Self::Low { pause, left } => {

@@ -10,11 +10,7 @@ use crate::{
     timer::{Due, Timer},
 };
 
-use super::{
-    machines::Step,
-    deceleration::DecelerationMonitor,
-    power::is_down,
-};
+use super::{deceleration::DecelerationMonitor, machines::Step, power::is_down};
 
 /// Commands that can wait for one standstill.
 const WAITERS: usize = 8;
@@ -111,8 +107,7 @@ pub(super) enum StopStep {
     Nothing,
     /// The axis stands halted.
     Halted,
-    /// Bit 8 was delivered just now; the drive has surely seen it.
-    HaltDelivered,
+    /// The drive has surely seen bit 8 just now.
     HaltSeen,
     /// It is over, and the drive is where it was led.
     Over,
@@ -204,7 +199,6 @@ impl Stopping {
             Some(left) => left.pass(step.elapsed),
             None if step.delivered && step.sends_halt() => {
                 halt.seen = Some(step.seen);
-                return StopStep::HaltDelivered;
             }
             None => {}
         }
@@ -356,8 +350,8 @@ impl Stopping {
         }
     }
 
-    /// Whoever waits for a stop has heard of a fault, and waits for the standstill alone. Whether there is anybody.
-    pub fn note_fault(&mut self, failure: Failure) -> bool {
+    /// A fault overtakes every stop: whoever waits for one waits for the standstill, and hears of the fault then.
+    pub fn fault(&mut self, failure: Failure, standstill: Timer) {
         let mut waits = false;
         for (_, wait) in self.waiters.iter_mut().flatten() {
             if *wait == Wait::Stop {
@@ -365,7 +359,13 @@ impl Stopping {
             }
             waits |= matches!(wait, Wait::Faulted(_));
         }
-        waits
+        let left = self.left(standstill);
+        self.off = false;
+        self.phase = if waits {
+            StopPhase::Settling { left }
+        } else {
+            StopPhase::None
+        };
     }
 
     /// Whoever waits for a halt waits for the standstill alone. Whether there is anybody.

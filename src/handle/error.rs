@@ -212,9 +212,8 @@ impl ErrorUnit {
                 asked,
             } => {
                 let (asked, limit, per) = if object == obj::MAX_PROFILE_VELOCITY.address() {
-                    let speed = |counts: i64| {
-                        scale.velocity_of(u32::try_from(counts).unwrap_or(u32::MAX))
-                    };
+                    let speed =
+                        |counts: i64| scale.velocity_of(u32::try_from(counts).unwrap_or(u32::MAX));
                     (speed(asked), speed(limit), "/s")
                 } else {
                     (at(asked), at(limit), "")

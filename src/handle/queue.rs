@@ -16,7 +16,8 @@ use crossbeam_queue::ArrayQueue;
 use crate::{
     axis::{
         AxisCore, Command, CommandId, Completion, CoreConfig, Delivery, DriveSettings, Event,
-        Failure, FailureClass, Reattach, Snapshot, SnapshotChange, StopRequest, Unsupported, WorkingCounter,
+        Failure, FailureClass, Reattach, Snapshot, SnapshotChange, StopRequest, Unsupported,
+        WorkingCounter,
     },
     coe::{CodeCounts, ObjectAddress, obj},
     ds402::{Controlword, Mode, State},
@@ -1424,7 +1425,8 @@ impl Shared {
                     if !slot.ends(result) {
                         return;
                     }
-                    if !is_told && matches!(
+                    if !is_told
+                        && matches!(
                             result,
                             Err(Failure::HaltIgnored | Failure::Unsupported(Unsupported::Halt))
                         )

@@ -331,8 +331,8 @@ impl Run {
         let evidence = &cycle.evidence;
         let idles_in_progress = is_in_progress(evidence);
         let (acknowledge, begin) = (
-            Timer::new(cycle.rules.acknowledge),
-            Timer::new(cycle.rules.begin),
+            cycle.rules.timer(cycle.rules.acknowledge),
+            cycle.rules.timer(cycle.rules.begin),
         );
         Self {
             id,
@@ -387,7 +387,9 @@ impl Run {
         let is_old = self.error == Left::High && !(self.has_begun() && self.start.is_over());
         let is_over = self.has_begun() && !is_in_progress(evidence);
         if cycle.halted || (error && !is_old) || is_over {
-            let left = self.rest.get_or_insert(Timer::new(cycle.rules.standstill));
+            let left = self
+                .rest
+                .get_or_insert(cycle.rules.timer(cycle.rules.standstill));
             left.pass(cycle.elapsed);
         } else {
             self.rest = None;
@@ -480,6 +482,7 @@ impl Run {
         let rested = self.rested.update(mine && stands, rules.begin, elapsed);
         let worked = match self.progress {
             Progress::Worked => true,
+            Progress::Begun if self.idles_in_progress && self.attained == Left::Low => true,
             _ if motionless => self.attained == Left::Low || (proven && self.reads_home(cycle)),
             _ => {
                 let left = self.place.is_none() || self.reads_home(cycle);
@@ -508,11 +511,7 @@ impl Run {
     }
 
     /// The drive shows an error: the end comes at rest, or when the axis has had the time to come to it.
-    fn error(
-        &mut self,
-        cycle: &Cycle<'_>,
-        late: bool,
-    ) -> Option<Result<Completion, Failure>> {
+    fn error(&mut self, cycle: &Cycle<'_>, late: bool) -> Option<Result<Completion, Failure>> {
         let evidence = &cycle.evidence;
         let settle = cycle.rules.bounds.settle;
         let held = self

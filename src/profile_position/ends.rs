@@ -68,10 +68,7 @@ impl Ends {
         if self.contain(position, bounds) {
             return true;
         }
-        let (from, to) = (
-            self.outside(before, bounds),
-            self.outside(position, bounds),
-        );
+        let (from, to) = (self.outside(before, bounds), self.outside(position, bounds));
         // On a circle the far side has another sign as well.
         let reach = i64::from(self.width) + 2 * i64::from(bounds.position);
         let way = bounds.way(before, position).abs();

@@ -138,12 +138,19 @@ pub(crate) struct Rules<'a> {
     pub begin: Duration,
     /// How long an axis may take to come to rest.
     pub standstill: Duration,
+    /// With a command: how long ago the machines were stepped. It is part of what the next cycle has for `elapsed`.
+    pub ahead: Elapsed,
 }
 
 impl Rules<'_> {
+    /// A time that begins now.
+    pub const fn timer(&self, time: Duration) -> Timer {
+        Timer::new(time).later(self.ahead)
+    }
+
     /// After so long the drive has surely seen what was delivered.
     pub const fn seen(&self) -> Timer {
-        Timer::new(self.traits.surely_seen())
+        self.timer(self.traits.surely_seen())
     }
 }
 
@@ -199,14 +206,7 @@ impl Eyes {
         let statusword = Statusword::from_bits_retain(word);
         let elapsed = Elapsed(crate::timer::nanoseconds(now.saturating_sub(self.now)));
         self.now = now;
-        let sample = crate::ds402::Sample {
-            statusword,
-            mode: crate::ds402::Mode::ProfilePosition,
-            position,
-            velocity: None,
-            error_code: None,
-        };
-        let rest = self.rest.update(&sample, elapsed, false, &self.bounds);
+        let rest = self.rest.update(position, elapsed, false, &self.bounds);
         for (bit, number) in self.bits.iter_mut().zip([10, 12, 13]) {
             bit.update(word >> number & 1 != 0, elapsed, self.traits.surely_seen());
         }
@@ -237,6 +237,7 @@ impl Eyes {
                 acknowledge: self.acknowledge,
                 begin: self.begin,
                 standstill: self.standstill,
+                ahead: Elapsed(0),
             },
         }
     }

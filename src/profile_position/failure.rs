@@ -180,7 +180,9 @@ pub enum Unsupported {
         reason: &'static str,
     },
     /// Halt option code 605Dh is 0: the drive would let the axis coast at bit 8.
-    #[error("halt option code 605Dh is 0, and the axis would coast at halt (bit 8): stop() it, or set 605Dh")]
+    #[error(
+        "halt option code 605Dh is 0, and the axis would coast at halt (bit 8): stop() it, or set 605Dh"
+    )]
     Halt,
     /// The drive forgets its set-point at halt.
     #[error("this drive does not keep its set-point through a halt: stop, enable and move again")]
@@ -385,7 +387,9 @@ pub enum Failure {
         delivery: Delivery,
     },
     /// The target lies beyond a limit that the drive holds, or the velocity is above 607Fh: nothing was sent.
-    #[error("{asked} lies beyond the limit {limit} of {object}: stay within it, or change it and read the limits again")]
+    #[error(
+        "{asked} lies beyond the limit {limit} of {object}: stay within it, or change it and read the limits again"
+    )]
     BeyondLimit {
         /// The limit's object, as of the drive's first axis: 607Bh, 607Dh or 607Fh.
         object: ObjectAddress,

@@ -6,9 +6,7 @@
 
 use crate::timer::{Due, Timer};
 
-use super::{
-    CommandId, Cycle, Doubt, Ends, Failure, Parameters, Rules, pending::Request,
-};
+use super::{CommandId, Cycle, Doubt, Ends, Failure, Parameters, pending::Request};
 
 /// So many frames later, at the latest, the inputs show what the drive has seen in one: it takes outputs in at one SYNC0, works
 /// until the next, and what it has put out then is fetched by the frame after that. Assumed, no document says.
@@ -75,24 +73,18 @@ pub(super) struct Sent {
     pub turns: bool,
     /// The way shows when the one before it is over.
     pub shown_by_way: bool,
-    /// Until bit 12 has to answer.
+    /// From the first frame after it on: until bit 12 has to answer.
     answer: Timer,
 }
 
 impl Sent {
-    pub const fn new(
-        request: Request,
-        ends: Ends,
-        turns: bool,
-        shown_by_way: bool,
-        rules: &Rules<'_>,
-    ) -> Self {
+    pub const fn new(request: Request, ends: Ends, turns: bool, shown_by_way: bool) -> Self {
         Self {
             request,
             ends,
             turns,
             shown_by_way,
-            answer: Timer::new(rules.acknowledge),
+            answer: Timer::OVER,
         }
     }
 }
@@ -286,18 +278,18 @@ impl Raised {
     /// Whether it is acknowledged, or goes on as one on a full buffer; or why it is given up.
     fn step(&mut self, cycle: &Cycle<'_>) -> Option<Result<bool, Failure>> {
         let high = cycle.evidence.acknowledge.shows_high();
-        if !matches!(self.stage, Stage::Unsent { .. } | Stage::Fresh { .. }) {
-            self.sent.answer.pass(cycle.elapsed);
-        }
+        self.sent.answer.pass(cycle.elapsed);
         match &mut self.stage {
             Stage::Unsent { .. } => return None,
             // What the frame shows that brings bit 4 is from before it, and no answer.
             &mut Stage::Fresh { full } => {
+                self.sent.answer = cycle.rules.timer(cycle.rules.acknowledge);
                 self.stage = if full || high {
                     Stage::Full(Full::NEW)
                 } else {
                     Stage::Awaited
                 };
+                return None;
             }
             Stage::Awaited if high => return Some(Ok(true)),
             Stage::Awaited => {}

@@ -8,8 +8,8 @@
 use crate::timer::{Due, Lasting, Timer};
 
 use super::{
-    Bit, BufferMode, CommandId, Completion, Cycle, Delivery, Doubt, Ends, Event,
-    Events, Evidence, Failure, Rest, Rules,
+    Bit, BufferMode, CommandId, Completion, Cycle, Delivery, Doubt, Ends, Event, Events, Evidence,
+    Failure, Rest, Rules,
 };
 
 /// Set-points that a drive holds at most (S2).
@@ -87,7 +87,11 @@ impl Worlds {
     const SECOND: Self = Self(0xF0);
 
     const fn of_entry(place: usize) -> Self {
-        if place == 0 { Self::FIRST } else { Self::SECOND }
+        if place == 0 {
+            Self::FIRST
+        } else {
+            Self::SECOND
+        }
     }
 
     const fn and(self, other: Self) -> Self {
@@ -275,7 +279,7 @@ impl Observer {
         self.high = Lasting::NOT;
         self.beyond = Lasting::NOT;
         for entry in self.entries.iter_mut().flatten() {
-            entry.begin = Timer::new(rules.begin);
+            entry.begin = rules.timer(rules.begin);
         }
     }
 
@@ -315,8 +319,7 @@ impl Observer {
         rule(low, Worlds::DONE.or(Worlds::RUNS_ON));
         // S4: with bit 10 high none is under way at rest; nor, for so long, in motion, where the last one goes on at its end velocity. One that
         // is sure to be the active one settles.
-        let runs_on = self.runs_on() && self.high.has_lasted();
-        let is_over = high && (stands || runs_on) && !full;
+        let is_over = high && (stands || self.runs_on()) && !full;
         rule(is_over, Worlds::RUNNING);
         // A1: an axis that leaves its rest is led by one that has begun.
         rule(evidence.rest == Rest::Left, Worlds::WAITING);
@@ -333,8 +336,7 @@ impl Observer {
             let is_last = place + 1 == count;
             rule(high && at_end && is_last, Worlds::RUNNING.and(worlds));
             // S3: by now it has begun, if it was not at rest with bit 10 high all the time.
-            let rests = high && self.rest.has_lasted();
-            let begun = place == 0 && entry.begin.is_over() && (at_end || !rests);
+            let begun = place == 0 && entry.begin.is_over() && (at_end || !self.rest.holds());
             rule(begun, Worlds::WAITING.and(worlds));
         }
         out
@@ -453,9 +455,7 @@ impl Observer {
         if reached {
             self.report(0, Ok(Completion::Reached { position }), events);
             self.last_ends = Some(entry.ends);
-            if !waits {
-                self.clear();
-            }
+            self.clear();
             return false;
         }
         if self.worlds == Worlds::DONE.and(Worlds::FIRST) {
@@ -609,7 +609,7 @@ impl Entry {
             sighting: Sighting::None,
             report: Report::Nothing,
             seen: rules.seen(),
-            begin: Timer::new(rules.begin),
+            begin: rules.timer(rules.begin),
         }
     }
 

@@ -294,7 +294,7 @@ impl Sequencer {
                 self.raise(request, cycle);
             }
         } else {
-            let left = Timer::new(cycle.rules.acknowledge);
+            let left = cycle.rules.timer(cycle.rules.acknowledge);
             if self.blocked.get_or_insert(left).is_over() {
                 let failure = cycle.timeout(WaitingFor::AcknowledgeLow, Delivery::NotSent);
                 self.end_pending(request.id, failure, events);
@@ -402,7 +402,7 @@ impl Sequencer {
             let stops = !last.turns && !last.runs_on;
             stops || (start == BufferMode::Blending && !last.was_met())
         });
-        let sent = Sent::new(request, ends, turns, shown_by_way, rules);
+        let sent = Sent::new(request, ends, turns, shown_by_way);
         let full = cycle.evidence.acknowledge.shows_high()
             || (shows_room(rules.traits) && self.observer.count() == 2);
         self.handshake = Handshake::High(Raised {
@@ -423,10 +423,9 @@ impl Sequencer {
     fn drop_unsent(&mut self, failure: Failure, events: &mut Events) {
         if let Handshake::High(Raised {
             sent,
-            stage:
-                Stage::Unsent {
-                    target, parameters, ..
-                },
+            stage: Stage::Unsent {
+                target, parameters, ..
+            },
         }) = self.handshake
         {
             events.push(sent.request.id, Event::Done(Err(failure)));
@@ -519,11 +518,19 @@ impl Sequencer {
         if base == RelativeBase::PreviousTarget {
             return previous.unwrap_or(Ends::ANYWHERE);
         }
-        if let Some(before) = self.observer.last().filter(|_| start != BufferMode::Aborting) {
+        if let Some(before) = self
+            .observer
+            .last()
+            .filter(|_| start != BufferMode::Aborting)
+        {
             // At the end of the move before all bases are the same. In motion the axis is behind it by the following error.
-            let is_there = !before.runs_on
-                && (start == BufferMode::Buffered || base == RelativeBase::Demand);
-            return if is_there { before.ends } else { Ends::ANYWHERE };
+            let is_there =
+                !before.runs_on && (start == BufferMode::Buffered || base == RelativeBase::Demand);
+            return if is_there {
+                before.ends
+            } else {
+                Ends::ANYWHERE
+            };
         }
         let arrived = previous.filter(|ends| ends.contain(position, rules.bounds));
         let rests = !self.observer.has_untold() && !self.observer.runs_on();

@@ -2,10 +2,7 @@
 
 use core::time::Duration;
 
-use crate::{
-    ds402::Sample,
-    timer::{Due, Elapsed, Timer, nanoseconds},
-};
+use crate::timer::{Due, Elapsed, Timer, nanoseconds};
 
 use super::{Bounds, Rest, Unrest};
 
@@ -15,11 +12,6 @@ pub(crate) struct Standstill {
     /// Where the axis was when its time began. None: it begins with the next sample.
     from: Option<i32>,
     left: Timer,
-    /// It came here from another place, and has not stood since.
-    came: bool,
-    /// What the axis showed when it was told to stop, under way. Until it shows anything else nobody knows whether its drive is still at
-    /// work, and a position that stays is no rest.
-    frozen: Option<Sample>,
 }
 
 impl Standstill {
@@ -27,41 +19,33 @@ impl Standstill {
     #[inline]
     pub fn update(
         &mut self,
-        sample: &Sample,
+        position: i32,
         elapsed: Elapsed,
         blind: bool,
         bounds: &Bounds,
     ) -> Rest {
-        let position = sample.position;
         match self.from {
             Some(from) if bounds.is_within_window(from, position) => {
                 if !self.left.is_over() {
-                    self.count(sample, elapsed, blind, bounds);
+                    self.count(position, elapsed, blind, bounds);
                 }
                 self.rest()
             }
-            from => {
+            _ => {
                 let stood = self.is_standing();
-                self.came |= from.is_some();
-                self.frozen = None;
                 self.begin(position, bounds);
                 if stood { Rest::Left } else { Rest::Moving }
             }
         }
     }
 
-    fn count(&mut self, sample: &Sample, elapsed: Elapsed, blind: bool, bounds: &Bounds) {
-        if self.frozen.as_ref() == Some(sample) {
-            return;
-        }
-        self.frozen = None;
+    fn count(&mut self, position: i32, elapsed: Elapsed, blind: bool, bounds: &Bounds) {
         // An axis that swings may have left and come back meanwhile.
         if blind && elapsed.0 > nanoseconds(bounds.settle) / 8 * 3 {
-            self.begin(sample.position, bounds);
+            self.begin(position, bounds);
             return;
         }
         self.left.pass(elapsed.of_samples(bounds.settle));
-        self.came &= !self.left.is_over();
     }
 
     fn begin(&mut self, position: i32, bounds: &Bounds) {
@@ -87,14 +71,6 @@ impl Standstill {
     /// before says nothing.
     pub const fn begin_anew(&mut self) {
         self.from = None;
-        self.came = false;
-    }
-
-    /// An axis that shows this is told to stop, and its drive has got that.
-    pub const fn freeze(&mut self, shown: Sample) {
-        if self.came {
-            self.frozen = Some(shown);
-        }
     }
 
     pub const fn due(&self) -> Due {
@@ -147,7 +123,6 @@ fn with(a: (i32, i32), b: (i32, i32)) -> (i32, i32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ds402::{Mode, Statusword};
 
     const MS: u64 = 1_000_000;
 
@@ -156,21 +131,11 @@ mod tests {
         Bounds::new(10, settle, Duration::from_millis(1), None)
     }
 
-    fn sample(position: i32) -> Sample {
-        Sample {
-            statusword: Statusword::from_bits_retain(0x0637),
-            mode: Mode::ProfilePosition,
-            position,
-            velocity: None,
-            error_code: None,
-        }
-    }
-
     /// Shows these positions, one a millisecond; the rest of the last.
     fn after(standstill: &mut Standstill, positions: impl IntoIterator<Item = i32>) -> Rest {
         let mut rest = Rest::Moving;
         for position in positions {
-            rest = standstill.update(&sample(position), Elapsed(MS), false, &bounds());
+            rest = standstill.update(position, Elapsed(MS), false, &bounds());
         }
         rest
     }
@@ -187,17 +152,19 @@ mod tests {
 
     #[test]
     fn an_axis_that_goes_on_slowly_stands_by_the_window_alone() {
-        let creeps = (0..1_000).map(|ms| ms / 9);
-        assert_eq!(after(&mut Standstill::default(), creeps), Rest::Moving);
-        let creeps = (0..1_000).map(|ms| ms / 11);
-        assert_ne!(after(&mut Standstill::default(), creeps), Rest::Moving);
+        let stands = |slowness: i32| {
+            let mut standstill = Standstill::default();
+            (0..1_000).any(|ms| after(&mut standstill, [ms / slowness]) == Rest::Standing)
+        };
+        assert!(!stands(9));
+        assert!(stands(11));
     }
 
     #[test]
     fn a_stall_of_the_host_is_no_proof_of_rest() {
         let mut standstill = Standstill::default();
         let mut show = |millis| {
-            standstill.update(&sample(0), Elapsed(millis * MS), false, &bounds());
+            standstill.update(0, Elapsed(millis * MS), false, &bounds());
             standstill.is_standing()
         };
         assert!(!show(1) && !show(10_000) && !show(10_000) && !show(10_000));
@@ -209,7 +176,7 @@ mod tests {
         let lost = |millis| {
             let mut standstill = Standstill::default();
             after(&mut standstill, [0; 99]);
-            standstill.update(&sample(0), Elapsed(millis * MS), true, &bounds());
+            standstill.update(0, Elapsed(millis * MS), true, &bounds());
             standstill.is_standing()
         };
         assert!(lost(37));
@@ -224,17 +191,6 @@ mod tests {
         assert!(!standstill.is_standing());
         assert_eq!(after(&mut standstill, [0; 100]), Rest::Moving);
         assert_eq!(after(&mut standstill, [0]), Rest::Standing);
-    }
-
-    #[test]
-    fn an_axis_under_way_whose_inputs_freeze_with_its_stop_does_not_stand() {
-        let mut standstill = Standstill::default();
-        after(&mut standstill, (0..100).map(|ms| ms * 20));
-        standstill.freeze(sample(1_980));
-        assert_eq!(after(&mut standstill, [1_980; 1_000]), Rest::Moving);
-        // One count is a word of a drive that is alive.
-        after(&mut standstill, [1_981]);
-        assert_eq!(after(&mut standstill, [1_981; 101]), Rest::Standing);
     }
 
     #[test]

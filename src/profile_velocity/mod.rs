@@ -242,6 +242,14 @@ impl Jogging {
         )
     }
 
+    /// Whether one is in the outputs, or its 0, that no frame has brought.
+    pub const fn is_unsent(&self) -> bool {
+        matches!(
+            self.stage,
+            JogPhase::Held { sent: false, .. } | JogPhase::Released(LetGo { sent: false, .. })
+        )
+    }
+
     pub const fn is_released(&self) -> bool {
         matches!(self.stage, JogPhase::Released(_))
     }
@@ -410,7 +418,6 @@ impl Jogging {
                 let Some(seen) = &mut let_go.seen else {
                     if cycle.delivered {
                         let_go.seen = Some(cycle.rules.seen());
-                        return JogStep::Delivered;
                     }
                     return self.judge_late(cycle, events);
                 };
@@ -446,7 +453,10 @@ impl Jogging {
         if !left.is_over() {
             return JogStep::GoOn;
         }
-        self.end(cycle.timeout(cycle.standstill(), Delivery::Accepted), events);
+        self.end(
+            cycle.timeout(cycle.standstill(), Delivery::Accepted),
+            events,
+        );
         JogStep::RunsOn
     }
 }
@@ -455,8 +465,7 @@ impl Jogging {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum JogStep {
     GoOn,
-    /// The 0 of one that was let go was delivered just now; the drive has surely seen it.
-    Delivered,
+    /// The drive has surely seen the 0 of one that was let go.
     Seen,
     /// The axis does not come to rest: stop it.
     RunsOn,

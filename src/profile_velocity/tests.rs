@@ -103,29 +103,13 @@ fn a_jog_says_what_it_is_from_its_first_word_to_its_rest() {
     assert_eq!(scene.reports(), [(ID, Event::Accepted)], "once");
     assert_eq!(said(&scene.jog), (-50, [true, true, false, false, true]));
 
-    assert!(
-        !scene.jog.set(OTHER, 60)
-            && scene.jog.set(ID, 60)
-    );
+    assert!(!scene.jog.set(OTHER, 60) && scene.jog.set(ID, 60));
     assert_eq!(scene.jog.velocity(), 60);
-    assert!(
-        !scene
-            .jog
-            .release(OTHER, Timer::OVER, false)
-    );
-    assert!(
-        scene
-            .jog
-            .release(ID, Timer::new(ms(5_000)), false)
-    );
+    assert!(!scene.jog.release(OTHER, Timer::OVER, false));
+    assert!(scene.jog.release(ID, Timer::new(ms(5_000)), false));
     assert_eq!(said(&scene.jog), (0, [true, false, true, false, false]));
     assert_eq!(scene.jog.id(), Some(ID));
-    assert!(
-        !scene.jog.set(ID, 60)
-            && !scene
-                .jog
-                .release(ID, Timer::OVER, false)
-    );
+    assert!(!scene.jog.set(ID, 60) && !scene.jog.release(ID, Timer::OVER, false));
 }
 
 #[test]
@@ -150,9 +134,7 @@ fn what_ends_a_jog_says_how_far_it_came() {
     let mut sent = Scene::held();
     sent.jog.mark_sent(&mut sent.events);
     let mut released = Scene::accepted();
-    released
-        .jog
-        .release(ID, Timer::new(ms(99_999)), false);
+    released.jog.release(ID, Timer::new(ms(99_999)), false);
     for (mut scene, delivery) in [
         (Scene::held(), Delivery::NotSent),
         (sent, Delivery::Unknown),
@@ -174,9 +156,7 @@ fn a_jog_takes_over_from_one_that_comes_to_rest_and_not_from_one_that_is_held() 
     let busy = Event::Done(Err(Failure::Busy));
     assert_eq!(scene.reports(), [(OTHER, busy)]);
     assert_eq!((scene.jog.id(), scene.jog.velocity()), (Some(ID), -50));
-    scene
-        .jog
-        .release(ID, Timer::new(ms(99_999)), false);
+    scene.jog.release(ID, Timer::new(ms(99_999)), false);
     scene.jog.submit(OTHER, 5.into(), &mut scene.events);
     assert_eq!(scene.reports(), [], "the next one was not sent");
     scene.jog.mark_sent(&mut scene.events);
@@ -201,9 +181,7 @@ fn a_released_jog_is_over_when_the_axis_has_stood_since_the_drive_took_the_zero_
         for _ in 0..200 {
             scene.step();
         }
-        scene
-            .jog
-            .release(ID, Timer::new(ms(5_000)), by_itself);
+        scene.jog.release(ID, Timer::new(ms(5_000)), by_itself);
         scene.step();
         scene.step();
         assert_eq!(scene.reports(), [], "the 0 was not sent");
@@ -212,7 +190,7 @@ fn a_released_jog_is_over_when_the_axis_has_stood_since_the_drive_took_the_zero_
         scene.step();
         scene.delivered = true;
         scene.step();
-        for cycle in 0..102 {
+        for cycle in 0..103 {
             assert_eq!(scene.reports(), [], "{cycle}");
             scene.step();
         }
@@ -224,9 +202,7 @@ fn a_released_jog_is_over_when_the_axis_has_stood_since_the_drive_took_the_zero_
 #[test]
 fn a_released_jog_whose_axis_does_not_come_to_rest_ends_in_time() {
     let mut scene = Scene::accepted();
-    scene
-        .jog
-        .release(ID, Timer::new(ms(50)), false);
+    scene.jog.release(ID, Timer::new(ms(50)), false);
     scene.jog.mark_sent(&mut scene.events);
     for _ in 0..49 {
         scene.position += 100;

@@ -71,11 +71,7 @@ impl Ends {
 }
 
 /// Failures that leave open what has become of a set-point, or that a drive without habits gives no reason for.
-const DOUBTS: [&str; 3] = [
-    "Unknown",
-    "MissedTarget",
-    "Timeout",
-];
+const DOUBTS: [&str; 3] = ["Unknown", "MissedTarget", "Timeout"];
 
 /// Scenarios from this seed on are of more kinds: modulo axes, liveness, drives whose bits have other meanings, and drives without habits. Those
 /// below are as they were when a seed of them was kept.
