@@ -46,6 +46,10 @@ impl Timer {
         self.0 = self.0.saturating_sub(elapsed.0);
     }
 
+    pub const fn left(self) -> Elapsed {
+        Elapsed(self.0)
+    }
+
     pub const fn longer(self, other: Self) -> Self {
         if self.0 < other.0 { other } else { self }
     }

@@ -224,6 +224,7 @@ impl Machines {
         self.note_state(&step, before);
         self.doubt_rest(&mut step);
         self.step_brake(&mut step);
+        self.modes.pass_time(&step);
         if step.state.is_fault() {
             self.apply_fault(&step, before);
         }

@@ -255,11 +255,13 @@ impl Modes {
     /// A change of mode begins: it is written as soon as nothing of the last mode is left.
     pub fn select(&mut self, id: CommandId, to: Mode, by_sdo: bool, step: &Step<'_>) {
         let config = step.config;
-        let left = step.timer(config.deadlines.mode);
+        let deadline = config.deadlines.mode;
         // The drive may come to the one that was written before.
         if self.by_sdo.is_some_and(|mode| mode != to) {
-            self.hold = left;
+            self.hold = step.timer(deadline);
         }
+        // It has its time from when nothing keeps it from being written.
+        let left = Timer::new(deadline).later(step.ahead.max(self.hold.left()));
         self.change = Some(ModeChange {
             id,
             to,
@@ -297,8 +299,8 @@ impl Modes {
         }
     }
 
-    /// One cycle of a change of mode. `rests` as above.
-    pub fn step_change(&mut self, step: &Step<'_>, rests: bool, events: &mut Events) {
+    /// Time passes, in each cycle.
+    pub fn pass_time(&mut self, step: &Step<'_>) {
         self.hold.pass(step.elapsed);
         match &mut self.quiet {
             _ if step.sends_mode_bits() => self.quiet = None,
@@ -306,13 +308,15 @@ impl Modes {
             None if step.delivered => self.quiet = Some(step.seen),
             None => {}
         }
+    }
+
+    /// One cycle of a change of mode. `rests` as above.
+    pub fn step_change(&mut self, step: &Step<'_>, rests: bool, events: &mut Events) {
         self.write(rests, step.position(), events);
         let Some(change) = &mut self.change else {
             return;
         };
-        if self.hold.is_over() {
-            change.left.pass(step.elapsed);
-        }
+        change.left.pass(step.elapsed);
         let change = *change;
         if change.step == ModeStep::Written && step.mode == change.to {
             (self.change, self.by_sdo) = (None, None);

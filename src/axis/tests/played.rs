@@ -1,10 +1,7 @@
 //! An axis core against a drive that is played word by word: what a simulated one never does.
 
 use alloc::{collections::VecDeque, vec::Vec};
-use core::{
-    hash::{Hash, Hasher},
-    time::Duration,
-};
+use core::time::Duration;
 
 use crate::axis::{
     AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Event, Failure,
@@ -341,25 +338,6 @@ impl Played {
     /// Target velocity 60FFh in the outputs.
     pub fn target_velocity(&self) -> i32 {
         self.outputs[7..].try_into().map_or(0, i32::from_le_bytes)
-    }
-
-    /// All that decides what the core does next.
-    pub fn fingerprint(&self) -> Vec<u8> {
-        struct Kept(Vec<u8>);
-
-        impl Hasher for Kept {
-            fn write(&mut self, bytes: &[u8]) {
-                self.0.extend_from_slice(bytes);
-            }
-
-            fn finish(&self) -> u64 {
-                0
-            }
-        }
-
-        let mut kept = Kept(Vec::new());
-        self.core.hash(&mut kept);
-        kept.0
     }
 
     pub fn drain(&mut self) {

@@ -1,8 +1,10 @@
 //! Cycles in which nothing happens: what they leave as it is, and what they follow.
 
+use alloc::vec::Vec;
+
 use super::played::{
-    Brings, ENABLED, FAULT, Played, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED,
-    SWITCHED_ON,
+    Brings, ENABLED, FAULT, HOME, Played, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED,
+    SWITCHED_ON, absolute,
 };
 use crate::{
     axis::{Command, CommandId, CoreConfig, Inputs, StopRequest},
@@ -315,4 +317,95 @@ fn its_port_learns_what_is_new_and_no_more() {
     assert_eq!(change(false, 1, true), SnapshotChange::Motion);
     assert_eq!(change(true, 0, false), SnapshotChange::Silence);
     assert_eq!(change(false, 0, true), SnapshotChange::Anything);
+}
+
+/// Whatever a drive shows and a program asks for: where cycles are left out, the same goes out at the same time.
+#[test]
+fn cycles_that_are_left_out_would_have_changed_nothing() {
+    let words = [
+        SWITCH_ON_DISABLED,
+        READY,
+        SWITCHED_ON,
+        ENABLED,
+        REACHED,
+        0x1237,
+        0x1637,
+        QUICK_STOP_ACTIVE,
+        FAULT,
+    ];
+    let mut number = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut random = |below: u64| {
+        number ^= number << 13;
+        number ^= number >> 7;
+        number ^= number << 17;
+        number % below
+    };
+    let mut left_out = 0;
+    for trial in 0..1_000 {
+        let mut config = Played::config();
+        config.traits.start_bits_first = trial % 2 == 0;
+        let mut drive = if trial % 5 == 0 {
+            Played::disabled(config)
+        } else {
+            Played::enabled(config)
+        };
+        let (mut core, mut outputs) = (drive.core.clone(), drive.outputs);
+        let mut word = REACHED;
+        let mut before = Vec::new();
+        for cycle in 0..600 {
+            match random(40) {
+                0..6 => word = words[random(words.len() as u64) as usize],
+                6 => drive.position += random(60) as i32 - 30,
+                7 => drive.mode = [1, 1, 3, 6][random(4) as usize],
+                8 => {
+                    let command = match random(9) {
+                        0 => Command::Enable,
+                        1 => Command::Disable,
+                        2 => Command::Halt,
+                        3 => Command::Resume,
+                        4 => Command::Stop,
+                        5 => Command::SelectMode(
+                            [Mode::Homing, Mode::ProfilePosition][random(2) as usize],
+                        ),
+                        6 => Command::ResetFault,
+                        7 => HOME,
+                        _ => Command::Move(absolute(random(100) as i32)),
+                    };
+                    let id = CommandId(10_000 + cycle);
+                    core.submit(drive.now, id, command, &mut outputs);
+                    drive
+                        .core
+                        .submit(drive.now, id, command, &mut drive.outputs);
+                }
+                _ => {}
+            }
+            drive.now += core::time::Duration::from_millis(1);
+            let bytes = drive.inputs(word);
+            let inputs = if random(60) == 0 {
+                Inputs::Stale
+            } else if random(60) == 0 {
+                Inputs::Answered(&bytes)
+            } else {
+                Inputs::Fresh(&bytes)
+            };
+            let unchanged = before == bytes;
+            before = bytes.to_vec();
+            // Its attention is called to each cycle.
+            core.set_manufacturer_bits(Controlword::empty());
+            core.step_kept(drive.now, inputs, false, &mut outputs);
+            let steps = drive
+                .core
+                .step_kept(drive.now, inputs, unchanged, &mut drive.outputs);
+            left_out += u32::from(!steps);
+            assert_eq!(drive.outputs, outputs, "{trial}, {cycle}");
+            loop {
+                let event = core.poll_event();
+                assert_eq!(drive.core.poll_event(), event, "{trial}, {cycle}");
+                if event.is_none() {
+                    break;
+                }
+            }
+        }
+    }
+    assert!(left_out > 50_000, "{left_out}");
 }
