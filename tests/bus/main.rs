@@ -1,5 +1,6 @@
 //! The network against a simulated segment, in virtual time and without a thread.
 
+mod brake;
 mod bring_up;
 mod bring_up_costs;
 #[path = "../../tools/src/doctor/cable.rs"]
