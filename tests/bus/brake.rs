@@ -15,12 +15,14 @@ use servocrab::{
     drives::{self, DriveDescription},
     ds402::DigitalOutputs,
     parameters::{StartUpWrite, Transition, WriteFault},
-    pdo_map::{Entry, FixedPdo},
     profile_position::{Move, Outcome, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{AlState, Segment, ds402::Machine, personality::Servo};
 
-use crate::rig::{Line, Rig};
+use crate::{
+    rig::{Line, Rig},
+    unset::{INPUTS, with_fixed_outputs},
+};
 
 const MS: Duration = Duration::from_millis(1);
 /// One g at 1000 counts a millimetre: in 2 ms a load falls by 20 counts.
@@ -172,7 +174,7 @@ impl Lift {
             if let Poll::Ready(ended) = over.as_mut().poll(&mut context) {
                 break ended;
             }
-            self.rig.bus.turn();
+            let _is_over = !self.rig.bus.turn();
             meanwhile();
         };
         ended.unwrap();
@@ -208,21 +210,10 @@ fn mask_first() -> (Servo, DriveDescription) {
         (0x6060, 0, 8),
         (0x607A, 0, 32),
     ];
-    let inputs = [(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)];
-    let pdo = |index, entries: &[(u16, u8, u8)]| {
-        let entries = entries.iter();
-        FixedPdo::new(
-            index,
-            entries.map(|(index, subindex, bits)| Entry::new(*index, *subindex, *bits)),
-        )
-    };
-    let mut description = drives::generic();
-    description.axes[0].rx_pdos.clear();
-    description.axes[0].tx_pdos.clear();
-    description.fixed_pdos = vec![pdo(0x1701, &outputs), pdo(0x1B01, &inputs)];
+    let description = with_fixed_outputs(drives::generic(), &outputs);
     let servo = Servo::generic()
         .with_fixed_pdo(0x1701, &outputs)
-        .with_fixed_pdo(0x1B01, &inputs)
+        .with_fixed_pdo(0x1B01, &INPUTS)
         .fixed_mapping();
     (servo, description)
 }

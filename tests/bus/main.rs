@@ -42,3 +42,4 @@ mod statistics;
 mod stops;
 mod threaded;
 mod timing;
+mod unset;
