@@ -64,7 +64,8 @@ fn hanging(servo: Servo) -> (Line, usize, Arc<Mutex<Seen>>) {
     let seen = Arc::new(Mutex::new(Seen::default()));
     let watched = Arc::clone(&seen);
     segment.observe(move |record| {
-        if record.axis == number {
+        // It counts axes from 1.
+        if record.axis == number + 1 {
             let position = record.model.mechanical_position();
             let mut seen = watched.lock().unwrap();
             seen.highest = seen.highest.max(position);
