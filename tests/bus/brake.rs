@@ -42,11 +42,12 @@ struct Lift {
     seen: Arc<Mutex<Seen>>,
 }
 
-/// How high the load was, and how far it has come down from there.
+/// How high the load was, how far it has come down from there, and whether it was driven against its brake.
 #[derive(Default)]
 struct Seen {
     highest: i64,
     fallen: i64,
+    grinds: bool,
 }
 
 /// A drive with a load on each axis, of which the last is watched in each cycle.
@@ -70,6 +71,8 @@ fn hanging(servo: Servo) -> (Line, usize, Arc<Mutex<Seen>>) {
             let mut seen = watched.lock().unwrap();
             seen.highest = seen.highest.max(position);
             seen.fallen = seen.fallen.max(seen.highest - position);
+            let (_, velocity) = record.model.demand();
+            seen.grinds |= record.model.is_braked() && velocity != 0.0;
         }
     });
     (Line::new(segment), number, seen)
@@ -133,8 +136,13 @@ impl Lift {
     }
 
     fn has_not_fallen(&self) {
-        let fallen = self.seen.lock().unwrap().fallen;
-        assert!(fallen <= WINDOW, "the load has fallen by {fallen}");
+        let seen = self.seen.lock().unwrap();
+        assert!(
+            seen.fallen <= WINDOW,
+            "the load has fallen by {}",
+            seen.fallen
+        );
+        assert!(!seen.grinds, "its brake was closed while it moved");
     }
 
     /// Begins to lift the load by its drive. What is returned keeps the mode.
@@ -312,7 +320,7 @@ fn at_shutdown_a_standing_load_is_set_on_its_brake_before_its_drive_loses_its_po
 #[test]
 fn at_shutdown_a_moving_load_is_stopped_and_set_on_its_brake_before_its_drive_loses_its_power() {
     let mut lift = Lift::held_by_its_drive(Servo::generic());
-    let _kept = lift.sets_off(100_000);
+    let _kept = lift.sets_off(1_000_000);
     lift.rig.run_for(500 * MS);
     lift.shuts_down();
 }

@@ -135,3 +135,29 @@ fn write(outputs: &mut [u8], place: BitRange, value: &[u8]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        bus::{AxisConfig, DriveConfig},
+        coe::{obj, test_device::rig},
+        drives,
+    };
+
+    /// It may show what its terminals are, and not what was written.
+    #[test]
+    fn a_brake_goes_out_as_set_whatever_the_drive_shows() {
+        let axis = AxisConfig::new("z").map_output(obj::DIGITAL_OUTPUTS);
+        let config = DriveConfig::new(drives::generic()).axis(axis);
+        let layout = config.mapping().unwrap().layout();
+        let (rig, device, sdo, _) = rig();
+        let shown = vec![0, 0, 5, 0];
+        device.0.borrow_mut().objects.insert((0x60FE, 1), shown);
+        let mut outputs = vec![0; layout.output_bytes()];
+        let axes = core::iter::once(AxisOffset::default());
+        let held = rig.run(async move { HeldOutputs::read(&layout, axes, &[], &sdo).await });
+        held.unwrap().begin(&mut outputs);
+        assert_eq!(outputs[19..], [1, 0, 5, 0]);
+    }
+}
