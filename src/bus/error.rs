@@ -6,7 +6,7 @@ use std::{fmt, time::Duration};
 use crate::{
     axis::{AxisIdentity, FieldError},
     bus::{cable::CableLoad, expected::LineMismatch, real_time::RealTimeError},
-    coe::{DriveError, DriveId, LinkRefusal, SdoError},
+    coe::{DriveError, DriveId, LinkRefusal, ObjectAddress, SdoError},
     ds402::State,
     link::RawSocketError,
     parameters::StartUpError,
@@ -369,6 +369,17 @@ pub enum DriveFault {
     QuickStopCoasts {
         /// The axis' name.
         axis: String,
+    },
+    /// An object of its outputs cannot be read, and no start-up list says what it is to hold.
+    #[error(
+        "{object} is mapped into the outputs and cannot be read, so nobody knows what is to go out until the program sets it ({error}): write \
+         its value by a line of the start-up list at PREOP-SAFEOP, or do not map it"
+    )]
+    OutputUnknown {
+        /// The object.
+        object: ObjectAddress,
+        /// The drive's reason.
+        error: SdoError,
     },
     /// A modulo axis without a turn: its 607Bh is missing, empty, or the whole range of its type.
     #[error(

@@ -37,8 +37,9 @@ impl<U: AxisUnit> Axis<U> {
         Field::of(shared, object).map_err(|error| shared.error(AxisErrorKind::Field(error)))
     }
 
-    /// An object of the first axis' numbering, written through the process data of this axis. Until it is set, a parameter of the
-    /// axis is there what the drive held at the start, 6007h what stops the axis, and all else 0.
+    /// An object of the first axis' numbering, written through the process data of this axis. Until it is set it is there what
+    /// [`AxisConfig::map_output`](crate::bus::AxisConfig::map_output) says, in a [`Network`](crate::bus::Network): what the drive held at the
+    /// start, with the brake bit of 60FEh:1 set.
     ///
     /// # Errors
     /// [`AxisErrorKind::Field`] if it is not in the drive's outputs, or with another length. [`AxisErrorKind::OwnedByAxis`] for

@@ -20,8 +20,6 @@ struct OutputCell {
     object: ObjectAddress,
     place: BitRange,
     value: AtomicU64,
-    /// What goes out until the program sets it.
-    held: AtomicU64,
 }
 
 impl OutputCells {
@@ -31,7 +29,6 @@ impl OutputCells {
             object,
             place,
             value: AtomicU64::new(0),
-            held: AtomicU64::new(0),
         });
         Self(cells.collect())
     }
@@ -39,15 +36,6 @@ impl OutputCells {
     /// The place among them of an object that is mapped there.
     pub fn place_of(&self, object: ObjectAddress) -> Option<usize> {
         self.0.iter().position(|cell| cell.object == object)
-    }
-
-    /// Until it is set the drive is sent what it held in this object.
-    pub fn hold(&self, object: ObjectAddress, raw: u32) {
-        for cell in self.0.iter().filter(|cell| cell.object == object) {
-            let held = NEW | u64::from(raw);
-            cell.held.store(held, Ordering::Release);
-            cell.value.store(held, Ordering::Release);
-        }
     }
 
     /// Sets the one at this place; false if there is none.
@@ -84,8 +72,7 @@ impl OutputCells {
     /// Nothing was set.
     pub fn clear(&self) {
         for cell in &self.0 {
-            let held = cell.held.load(Ordering::Acquire);
-            cell.value.store(held, Ordering::Release);
+            cell.value.store(0, Ordering::Release);
         }
     }
 }

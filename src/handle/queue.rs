@@ -1606,12 +1606,6 @@ impl AxisPort {
         core.know(config);
     }
 
-    /// What the drive holds in an object that is mapped into its outputs: it goes out until a handle sets it.
-    pub(crate) fn hold(&self, object: ObjectAddress, raw: u32) {
-        self.shared.outputs.hold(object, raw);
-        self.shared.ask();
-    }
-
     /// Begins again with its core, which it restarts: whatever handles have asked for or set before does not come into effect
     /// any more.
     pub(crate) fn restart(

@@ -206,6 +206,7 @@ const fn leaves_unconfirmed(fault: &WriteFault) -> bool {
         | WriteFault::Mode
         | WriteFault::Target
         | WriteFault::Output
+        | WriteFault::Brake
         | WriteFault::Statusword => false,
     }
 }

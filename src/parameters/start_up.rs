@@ -197,6 +197,32 @@ impl StartUpList {
         Some(self.error(place, write, WriteFault::Output))
     }
 
+    /// The first line that would open a brake which goes with the process data: nobody has enabled the axis then.
+    pub(crate) fn opens_brake(
+        &self,
+        is_output: impl Fn(ObjectAddress) -> bool,
+    ) -> Option<StartUpError> {
+        let mut lines = self.writes.iter().enumerate();
+        let (place, write) = lines.find(|(_, write)| {
+            let is_set = write
+                .value
+                .encode()
+                .first()
+                .is_some_and(|byte| byte & 1 != 0);
+            is_brake(write.object) && !is_set && is_output(write.object)
+        })?;
+        Some(self.error(place, write, WriteFault::Brake))
+    }
+
+    /// What an object holds before the mapping by its last line.
+    pub(crate) fn value_of(&self, object: ObjectAddress) -> Option<Vec<u8>> {
+        let mut lines = self.writes.iter().rev();
+        let line = lines.find(|write| {
+            write.object == object && write.transition == Transition::PreOpToSafeOp
+        })?;
+        Some(line.value.encode())
+    }
+
     fn error(&self, place: usize, write: &StartUpWrite, fault: WriteFault) -> StartUpError {
         StartUpError {
             file: self.file.clone(),
@@ -220,6 +246,12 @@ impl From<StartUpWrite> for StartUpList {
 pub(super) fn of_first_axis(object: ObjectAddress) -> Option<u16> {
     let is_profile = (0x6000..0xA000).contains(&object.index) && object.subindex == 0;
     is_profile.then(|| 0x6000 + (object.index - 0x6000) % 0x0800)
+}
+
+/// Whether bit 0 of the object is a brake: 60FEh:1 of any axis (CiA 402, "set brake").
+pub(crate) fn is_brake(object: ObjectAddress) -> bool {
+    let is_profile = (0x6000..0xA000).contains(&object.index) && object.subindex == 1;
+    is_profile && (object.index - 0x6000) % 0x0800 == 0x00FE
 }
 
 /// A line of a start-up list that could not be written.
@@ -294,9 +326,14 @@ pub enum WriteFault {
     Target,
     /// It is written in SAFEOP, and the process data hold it.
     #[error(
-        "the process data overwrite this object in OP: write a parameter of an axis at PREOP-SAFEOP, set any other output by its handle"
+        "the process data overwrite this object in OP: write it at PREOP-SAFEOP, and it goes out until the program sets it by its handle"
     )]
     Output,
+    /// It opens the brake of an axis that nobody has enabled: bit 0 of a mapped 60FEh:1 is 0.
+    #[error(
+        "bit 0 is 0, which opens the brake before anybody has enabled the axis: write it as 1; the program opens the brake by its handle"
+    )]
+    Brake,
     /// It is a statusword.
     #[error(
         "the statusword can only be read: take the line out; an axis is commanded by its handle, and parameters are other objects"

@@ -1,5 +1,6 @@
 //! The network against a simulated segment, in virtual time and without a thread.
 
+mod brake;
 mod bring_up;
 mod bring_up_costs;
 #[path = "../../tools/src/doctor/cable.rs"]
@@ -41,3 +42,4 @@ mod statistics;
 mod stops;
 mod threaded;
 mod timing;
+mod unset;

@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use super::behaviour::Behaviour;
 use super::buffer::Buffer;
 use super::emergency::{self, Emergency};
+use super::hanging::HoldingBrake;
 use super::homing::HomingState;
 use super::ledger::{Executed, Homing, VelocityPhase};
 use super::objects::{self, Address, Entry, Objects, SetError};
@@ -97,6 +98,7 @@ pub struct Axis {
     /// Digital inputs that a test sets, apart from the machine's switches.
     inputs: u32,
     pub(super) shaft: Shaft,
+    pub(super) brake: HoldingBrake,
     pub(super) lagging: VecDeque<(f64, f64)>,
     /// Where the shaft was when it moved last, in counts, and when that was.
     pub(super) anchor: i64,
@@ -143,6 +145,7 @@ impl Axis {
             velocity: VelocityState::default(),
             machine_offset: mechanical.saturating_sub(position),
             inputs: 0,
+            brake: HoldingBrake::default(),
             lagging: VecDeque::new(),
             anchor: position,
             moved_at: None,
@@ -218,7 +221,8 @@ impl Axis {
         self.now = now;
         let start_stop_speed = self.objects.value(objects::START_STOP_SPEED);
         self.trajectory.set_floor(start_stop_speed as f64);
-        if self.cycles > 0 {
+        self.run_brake();
+        if self.cycles > 0 && !self.hang() {
             self.advance();
         }
         self.cycles += 1;

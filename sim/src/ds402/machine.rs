@@ -1,5 +1,7 @@
-//! What is fixed to the machine that the axis moves: switches, index pulse, ends of travel, and where it stands at
-//! power-up. All in encoder counts from a zero of the machine's own, which no homing shifts.
+//! What is fixed to the machine that the axis moves: switches, index pulse, ends of travel, its weight and its brake, and where it
+//! stands at power-up. All in encoder counts from a zero of the machine's own, which no homing shifts.
+
+use core::time::Duration;
 
 /// The negative limit switch, as bit of the digital inputs (60FDh).
 pub(super) const NEGATIVE_LIMIT: u32 = 1 << 0;
@@ -35,6 +37,12 @@ pub struct Machine {
     pub index_at: i64,
     /// Hard ends of travel: the shaft gets no further.
     pub ends: Option<(i64, i64)>,
+    /// Counts/s² by which the axis falls, toward smaller positions, where neither the drive nor a brake holds it; 0 for one that does
+    /// not hang.
+    pub gravity: u32,
+    /// A holding brake, which the drive's physical output 0 opens (60FEh, "set brake"), and the time that it takes to close. A spring
+    /// closes it: it is closed without power, and while the mask (60FEh:2) does not enable the output. It opens at once.
+    pub brake: Option<Duration>,
     /// The encoder knows its position at power-up. Such an axis is referenced from the start, at first in the machine's
     /// own coordinates, and stays so when power is lost.
     pub absolute_encoder: bool,

@@ -29,6 +29,7 @@ mod behaviour;
 mod buffer;
 mod emergency;
 mod entries;
+mod hanging;
 mod homing;
 mod homing_method;
 mod ledger;

@@ -56,7 +56,7 @@ impl Axis {
             self.behaviour.period,
             demand,
             self.state.controls(),
-            self.disturbances.blocked,
+            self.disturbances.blocked || self.is_braked(),
             |position| reach(machine, offset, position),
         );
         let moved = self.shaft.counts.saturating_sub(self.anchor);

@@ -6,7 +6,7 @@ use crate::description::{
     PdoEntryDescription, SyncManagerDescription, SyncManagerUse,
 };
 use crate::device::{Blueprint, Device};
-use crate::drive::{AxisStatusObject, DriveBlueprint};
+use crate::drive::{AxisStatusObject, DriveBlueprint, PlainObject};
 use crate::ds402::{Axis, Behaviour, DataType, Plant};
 use crate::pdo::PdoLimits;
 
@@ -106,6 +106,7 @@ pub struct Servo {
     clock_demand: Option<ClockDemand>,
     sm_synchronous: bool,
     alias: u16,
+    objects: Vec<PlainObject>,
     pub(super) pdos: super::servo_pdos::Changes,
 }
 
@@ -120,6 +121,7 @@ impl Servo {
             clock_demand: None,
             sm_synchronous: false,
             alias: 0,
+            objects: Vec::new(),
             pdos: super::servo_pdos::Changes::default(),
         };
         servo.plant(Plant::default())
@@ -182,6 +184,13 @@ impl Servo {
     #[must_use]
     pub fn change(mut self, change: impl Fn(&mut Behaviour)) -> Self {
         self.behaviours.iter_mut().for_each(change);
+        self
+    }
+
+    /// Adds an object of the maker's.
+    #[must_use]
+    pub fn object(mut self, object: PlainObject) -> Self {
+        self.objects.push(object);
         self
     }
 
@@ -397,7 +406,7 @@ impl Servo {
             limits: self.model.limits,
             assigned: self.pdos.assigned,
             pdo_habits: self.pdos.habits,
-            objects: Vec::new(),
+            objects: self.objects,
             shows_only_these: false,
             saves: self.model.saves,
             software_version: "simulated".to_owned(),

@@ -291,9 +291,20 @@ impl AxisConfig {
     }
 
     /// Maps one more object of it into what the master writes. The object is that of a first axis. A drive that cannot exchange it is
-    /// refused at bring-up. Until the program sets it, a parameter of the axis (6000h to 67FFh) goes out as the drive held it at the
-    /// start: a limit, an object of homing. 6007h goes out as a value that stops the axis. All else goes out as 0, such as an offset or
-    /// a digital output.
+    /// refused at bring-up. Until the program sets it ([`Axis::output`](crate::axis::Axis::output)), it goes out as the drive held it at the
+    /// start, or as a line of the [start-up list](DriveConfig::start_up) in PREOP says. An object that cannot be read needs such a line. 6007h
+    /// goes out as a value that stops the axis. A command goes out as 0 if no line says otherwise: an offset of a set-point, a touch probe.
+    ///
+    /// Bit 0 of 60FEh:1, "set brake", goes out as 1 until the program clears it, whatever the drive held.
+    ///
+    /// ```
+    /// use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives, parameters::StartUpWrite};
+    /// // The brake is set, output 16 is on, and the mask lets the drive obey both.
+    /// let lift = DriveConfig::new(drives::generic())
+    ///     .axis(AxisConfig::new("lift").map_output(obj::DIGITAL_OUTPUTS))
+    ///     .start_up(StartUpWrite::new(obj::DIGITAL_OUTPUTS, 0x0001_0001))
+    ///     .start_up(StartUpWrite::new(obj::DIGITAL_OUTPUTS_MASK, 0x0001_0001));
+    /// ```
     #[must_use]
     pub fn map_output(mut self, object: impl Into<AnyObject>) -> Self {
         self.outputs.push(FurtherObject::required(object));

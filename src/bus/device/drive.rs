@@ -2,7 +2,10 @@
 
 use std::{rc::Rc, time::Duration};
 
-use super::config::{AxisConfig, DriveConfig, Turn};
+use super::{
+    config::{AxisConfig, DriveConfig, Turn},
+    held_outputs::HeldOutputs,
+};
 use crate::{
     axis::{AxisFields, BoxFuture, CoreConfig, Loss, ParameterAccess, Tolerances},
     bus::{
@@ -12,11 +15,10 @@ use crate::{
         requests::Context,
     },
     coe::{
-        AbortCode, AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, ReadWrite,
-        Readable, SdoError, SdoHandle, obj,
+        AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, ReadWrite, Readable,
+        SdoError, SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
-    parameters::is_parameter,
     pdo_map::{Direction, Layout, Mapping},
     profile_position::{Limits, PositionRange, RelativeBase},
     units::AxisScale,
@@ -28,6 +30,7 @@ pub(in crate::bus) struct Drive {
     pub(super) config: DriveConfig,
     pub(super) mapping: Mapping,
     pub layout: Layout,
+    pub held: HeldOutputs,
     pub axes: Vec<ReadyAxis>,
     /// When an axis counts as lost, where the program does not say.
     pub(super) loss: Loss,
@@ -44,8 +47,6 @@ pub(in crate::bus) struct ReadyAxis {
     pub offset: AxisOffset,
     pub scale: AxisScale,
     pub config: CoreConfig,
-    /// What the drive holds in those parameters that its outputs overwrite and that no set-point brings.
-    pub outputs: Vec<(ObjectAddress, u32)>,
     held: HeldLimits,
     /// Whether the drive shows that it is homed, where it shows that.
     pub shows_homed: Option<bool>,
@@ -87,9 +88,6 @@ impl HeldLimits {
     }
 }
 
-/// What a set-point brings (6081h to 6084h, 6086h).
-const OF_SET_POINT: [u16; 5] = [0x6081, 0x6082, 0x6083, 0x6084, 0x6086];
-
 /// When an object is read. What the process data hold is overwritten by the first outputs that the drive takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Reading {
@@ -103,6 +101,7 @@ impl Drive {
     /// In PREOP: its axes as the program declares them, with what the outputs will overwrite. That is all that cycles need in which no
     /// axis is enabled. After an earlier start the outputs bring again what the drive held then: the axes keep it.
     pub(super) async fn open_axes(&mut self, sdo: &SdoHandle) -> Result<(), StepError> {
+        let is_first_start = self.axes.is_empty();
         let mut before = core::mem::take(&mut self.axes).into_iter();
         let mut axes = Vec::new();
         for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
@@ -118,7 +117,6 @@ impl Drive {
                 offset,
                 scale: axis.scale,
                 config: self.declared(axis, fields),
-                outputs: Vec::new(),
                 held: HeldLimits::default(),
                 shows_homed: None,
             };
@@ -131,10 +129,14 @@ impl Drive {
                 let quick_stop = code.map_or(ready.config.quick_stop, QuickStopOption);
                 stop_on_loss(sdo, axis, offset, quick_stop).await?;
             }
-            self.read_outputs(sdo, &mut ready).await?;
             axes.push(ready);
         }
         self.axes = axes;
+        if is_first_start {
+            let offsets = self.axes.iter().map(|axis| axis.offset);
+            let lists = &self.config.start_up;
+            self.held = HeldOutputs::read(&self.layout, offsets, lists, sdo).await?;
+        }
         Ok(())
     }
 
@@ -156,36 +158,6 @@ impl Drive {
             }
         }
         self.axes = axes;
-        Ok(())
-    }
-
-    /// Reads those parameters that the outputs will overwrite and that no set-point brings: limits, objects of homing. They go out as the
-    /// drive holds them, until the program sets them.
-    async fn read_outputs(&self, sdo: &SdoHandle, axis: &mut ReadyAxis) -> Result<(), StepError> {
-        let first = axis.offset.apply(0x6000);
-        let of_set_point = OF_SET_POINT.map(|index| axis.offset.apply(index));
-        for (object, _) in self.layout.objects(Direction::Outputs) {
-            let is_of_axis = (first..=first + 0x07FF).contains(&object.index);
-            if !is_of_axis || !is_parameter(object) || of_set_point.contains(&object.index) {
-                continue;
-            }
-            let read = sdo.read_bytes(object.index, object.subindex).await;
-            match read.map_err(|error| error.error) {
-                Ok(bytes) if bytes.len() <= 4 => {
-                    let bytes = bytes.iter().rev();
-                    let raw = bytes.fold(0, |raw, byte| raw << 8 | u32::from(*byte));
-                    axis.outputs.push((object, raw));
-                }
-                // Longer than what a program can set.
-                Ok(_) => {}
-                // It can only be written.
-                Err(SdoError::Aborted {
-                    code: AbortCode::WRITE_ONLY | AbortCode::UNSUPPORTED_ACCESS,
-                    ..
-                }) => {}
-                Err(error) => return Err(error).at(BringUpStep::Parameters),
-            }
-        }
         Ok(())
     }
 
@@ -553,6 +525,7 @@ mod tests {
             layout: mapping.layout(),
             config,
             mapping,
+            held: HeldOutputs::default(),
             axes: Vec::new(),
             loss: Loss::default(),
             cycle: Duration::from_millis(1),

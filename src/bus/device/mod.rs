@@ -6,6 +6,7 @@
 
 pub(super) mod config;
 pub(super) mod drive;
+pub(super) mod held_outputs;
 pub(super) mod io;
 mod io_cell;
 pub(super) mod io_points;
@@ -37,11 +38,12 @@ use crate::{
         MailboxSettings, MailboxSignal, ObjectAddress, SdoHandle,
     },
     parameters::{StartUpList, Transition},
-    pdo_map::{self, ConfigureError, Direction, Mapping, Pdo},
+    pdo_map::{self, ConfigureError, Direction, Layout, Mapping, Pdo},
     sii::{FmmuUsage, SyncManagerUsage},
 };
 use config::{DriveConfig, Watchdog};
 use drive::Drive;
+use held_outputs::HeldOutputs;
 use io::IoConfig;
 use io_points::{Image, IoPoint, Piece};
 use progress::Progress;
@@ -96,6 +98,7 @@ impl Device {
             config,
             mapping,
             layout,
+            held: HeldOutputs::default(),
             axes: Vec::new(),
             loss: watchdog.loss(cycle),
             cycle,
@@ -304,16 +307,22 @@ impl Device {
                 .await
                 .at(BringUpStep::Clock)?;
         }
+        let is_output = |layout: &Layout, object: ObjectAddress| {
+            let place = layout.find(Direction::Outputs, object.index, object.subindex);
+            place.is_some()
+        };
+        let mut lists = self.start_up.iter();
+        let opens_brake = |list: &StartUpList| list.opens_brake(|at| is_output(&drive.layout, at));
+        if let Some(error) = lists.find_map(opens_brake) {
+            return Err(error).at(BringUpStep::StartUpList);
+        }
+        held_outputs::set_brakes(&drive.layout, &self.start_up, &sdo).await?;
         write_lists(&self.start_up, &sdo, Transition::PreOpToSafeOp).await?;
         done(BringUpStep::StartUpList);
         drive.layout = pdo_map::configure(&drive.mapping, &sdo)
             .await
             .at(BringUpStep::Mapping)?;
-        check_lists(&self.start_up, |object| {
-            let (index, subindex) = (object.index, object.subindex);
-            let place = drive.layout.find(Direction::Outputs, index, subindex);
-            place.is_some()
-        })?;
+        check_lists(&self.start_up, |object| is_output(&drive.layout, object))?;
         done(BringUpStep::Mapping);
         drive.open_axes(&sdo).await
     }

@@ -12,12 +12,14 @@ use crate::{
             Drives, Stepper,
             black_box::{AxisIncident, BlackBox, RecordedAxis, RecordedCycle},
         },
-        device::{Device, drive::Parameters},
+        device::{Device, drive::Parameters, held_outputs::HeldOutputs},
         error::MovingAxis,
         log::Log,
         watch::{Control, TransitionLog},
     },
+    coe::obj,
     ds402::{Controlword, State},
+    pdo_map::{BitRange, Direction},
     wakes::{Wakes, stored},
 };
 
@@ -27,6 +29,10 @@ const OWN_COMMAND: CommandId = CommandId(u32::MAX);
 /// The axes of a network.
 pub(in crate::bus) struct Axes {
     axes: Vec<RunningAxis>,
+    /// What the outputs of the drives began with, each with the drive's place in the exchange.
+    held: Vec<(usize, HeldOutputs)>,
+    /// Digital outputs and makers' objects are that again from now on.
+    has_ended: bool,
     groups: Groups,
     /// How many there were.
     cycles: u64,
@@ -48,8 +54,36 @@ struct RunningAxis {
     drive: usize,
     core: AxisCore,
     port: AxisPort,
-    /// Whether its core has taken that it is disabled for good. One that is silent takes nothing, and drops what it was asked for.
-    is_disabled: bool,
+    /// Its brake, where its outputs hold that.
+    brake: Option<Brake>,
+    /// How far it is on its way to be disabled for good.
+    leaving: Leaving,
+}
+
+/// A brake that goes with the process data: bit 0 of 60FEh:1.
+struct Brake {
+    bit: BitRange,
+    /// It is set, and no handle opens it any more.
+    is_set_for_good: bool,
+    /// How long the axis may take to stand before that.
+    patience: Duration,
+}
+
+/// How long an axis that is disabled for good keeps its power once its brake is set. Assumed: the holding brakes of servo motors close within
+/// 10 ms to 200 ms.
+const BRAKE_CLOSES_IN: Duration = Duration::from_millis(300);
+
+/// How far an axis is that is to be disabled for good. What hangs is held by the drive until its brake holds it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Leaving {
+    /// Not on its way, or silent: a core of which the drive is silent takes nothing, and drops what it was asked for.
+    No,
+    /// Halted with its brake open, which is set at standstill, or then.
+    Halting { until: Duration },
+    /// Its brake closes until then.
+    Braking { until: Duration },
+    /// Its core has taken that it is disabled.
+    Disabled,
 }
 
 impl Axes {
@@ -62,6 +96,7 @@ impl Axes {
     ) -> (Self, Vec<AxisSource>) {
         let queue = GroupQueue::with(wakes);
         let mut axes = Vec::new();
+        let mut held = Vec::new();
         let mut sources = Vec::new();
         let mut recorded = Vec::new();
         let mut logged = Vec::new();
@@ -94,20 +129,30 @@ impl Axes {
                 };
                 let (source, mut port) = setup.open(&core);
                 port.know_counters();
-                for &(object, raw) in &axis.outputs {
-                    port.hold(object, raw);
-                }
                 sources.push(source);
+                let brake = drive.layout.find(
+                    Direction::Outputs,
+                    axis.offset.apply(obj::DIGITAL_OUTPUTS.index()),
+                    obj::DIGITAL_OUTPUTS.subindex(),
+                );
                 axes.push(RunningAxis {
                     drive: place,
                     core,
                     port,
-                    is_disabled: false,
+                    brake: brake.map(|outputs| Brake {
+                        bit: BitRange { bits: 1, ..outputs },
+                        is_set_for_good: false,
+                        patience: axis.config.deadlines.standstill,
+                    }),
+                    leaving: Leaving::No,
                 });
             }
+            held.push((place, drive.held.clone()));
         }
         let running = Self {
             axes,
+            held,
+            has_ended: false,
             groups: queue.groups(),
             cycles: 0,
             watch: None,
@@ -132,8 +177,10 @@ impl Axes {
         let Some(outputs) = drives.outputs_mut(place) else {
             return;
         };
-        // As at the beginning: also what no axis writes is 0, or what the drive held, until it is set.
-        outputs.fill(0);
+        // As at the beginning, also what no axis writes.
+        if let Some((_, held)) = self.held.iter().find(|(drive, _)| *drive == place) {
+            held.begin(outputs);
+        }
         for (number, axis) in self.of_drive(place).enumerate() {
             axis.port
                 .restart(&mut axis.core, now, again(number), outputs);
@@ -219,10 +266,21 @@ impl Axes {
         })
     }
 
+    /// From now on digital outputs and makers' objects are what they were before the program set them.
+    pub const fn end(&mut self) {
+        self.has_ended = true;
+    }
+
     /// How long it may take until the slowest axis stands and is disabled: a halt that misses its deadline, a quick stop after that,
-    /// and the way down.
+    /// and the way down; before that, with a brake, another halt, and the time in which that closes.
     pub fn longest_stop(&self) -> Duration {
-        let stops = self.axes.iter().map(|axis| axis.core.longest_stop());
+        let stops = self.axes.iter().map(|axis| {
+            let brake = axis.brake.as_ref();
+            let brakes = brake.map(|brake| brake.patience.saturating_add(BRAKE_CLOSES_IN));
+            axis.core
+                .longest_stop()
+                .saturating_add(brakes.unwrap_or_default())
+        });
         stops.max().unwrap_or_default()
     }
 
@@ -244,6 +302,23 @@ impl Axes {
             incident,
             cycles: history(axis),
         })
+    }
+
+    /// What goes out whatever a handle of any axis sets.
+    fn write_last_outputs(&self, drives: &mut Drives) {
+        for axis in &self.axes {
+            if let Some(brake) = axis.brake.as_ref().filter(|brake| brake.is_set_for_good)
+                && let Some(outputs) = drives.outputs_mut(axis.drive)
+            {
+                // An image that is too short is the exchange's error, and shows there.
+                let _ = brake.bit.write(outputs, 1);
+            }
+        }
+        for (place, held) in self.held.iter().filter(|_| self.has_ended) {
+            if let Some(outputs) = drives.outputs_mut(*place) {
+                held.end(outputs);
+            }
+        }
     }
 
     fn stop(&mut self, now: Duration) -> StopRequest {
@@ -276,6 +351,9 @@ impl Stepper for Rc<RefCell<Axes>> {
         if this.groups.take_asked() || disable.is_some() || !stop.is_empty() {
             for axis in &mut this.axes {
                 axis.take_in(now, stop, disable, drives);
+            }
+            if disable.is_some() {
+                this.write_last_outputs(drives);
             }
         }
         let mut set = Set {
@@ -335,10 +413,11 @@ impl RunningAxis {
         if !stop.is_empty() {
             self.port.request_stop(stop);
         }
-        if let Some(cause) = disable {
+        let is_disabled_now = disable.is_some_and(|cause| {
             self.port.end_because(cause);
-        }
-        if !(disable.is_some() || self.port.is_asked()) {
+            self.leave(now)
+        });
+        if !(is_disabled_now || self.port.is_asked()) {
             return;
         }
         let Some(outputs) = drives.outputs_mut(self.drive) else {
@@ -347,14 +426,48 @@ impl RunningAxis {
         if self.port.is_asked() {
             self.port.before_send(&mut self.core, now, outputs);
         }
-        if disable.is_some() {
-            let takes = self.core.takes_stops();
-            if takes && !self.is_disabled {
-                self.core
-                    .submit(now, OWN_COMMAND, Command::Disable, outputs);
-            }
-            self.is_disabled = takes;
+        if is_disabled_now {
+            self.core
+                .submit(now, OWN_COMMAND, Command::Disable, outputs);
         }
+    }
+
+    /// Takes the next step to be disabled for good. Whether the core is to take that in this cycle.
+    fn leave(&mut self, now: Duration) -> bool {
+        if !self.core.takes_stops() {
+            self.leaving = Leaving::No;
+            return false;
+        }
+        let is_powered = matches!(
+            self.core.state(),
+            State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
+        );
+        let brake = self.brake.as_mut().filter(|_| is_powered);
+        self.leaving = match (self.leaving, brake) {
+            (Leaving::Disabled, _) => return false,
+            (Leaving::No, Some(brake)) if !brake.is_set_for_good => {
+                self.port.request_stop(StopRequest::HALT);
+                let until = now.saturating_add(brake.patience);
+                Leaving::Halting { until }
+            }
+            (Leaving::Halting { until }, Some(_)) if !self.core.stands() && now < until => {
+                Leaving::Halting { until }
+            }
+            (Leaving::Halting { .. }, Some(brake)) => {
+                brake.is_set_for_good = true;
+                let until = now.saturating_add(BRAKE_CLOSES_IN);
+                Leaving::Braking { until }
+            }
+            (Leaving::Braking { until }, Some(_)) if now < until => Leaving::Braking { until },
+            _ => {
+                if let Some(brake) = &mut self.brake {
+                    brake.is_set_for_good = true;
+                }
+                self.leaving = Leaving::Disabled;
+                return true;
+            }
+        };
+        false
     }
 }
 

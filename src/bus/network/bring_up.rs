@@ -226,7 +226,14 @@ pub(in crate::bus) async fn start_cycles(
     });
     let distribution = clocks.as_ref().map(|clocks| clocks.distribution);
     let exchange = Exchange::new(&members, mailboxes.collect(), distribution);
-    let exchange = exchange.checked()?;
+    let mut exchange = exchange.checked()?;
+    for (place, device) in devices.iter().enumerate() {
+        if let (Some(drive), Some(outputs)) =
+            (device.as_drive(), exchange.drives.outputs_mut(place))
+        {
+            drive.held.begin(outputs);
+        }
+    }
     let load = CableLoad::of(exchange.lengths(), line.len());
     check_load(load, period)?;
     if load.is_tight(period) {

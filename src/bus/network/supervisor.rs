@@ -377,6 +377,7 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
     }
     // A brake or a valve holds what it holds for as long as an axis moves.
     running.ports.borrow_mut().end();
+    running.axes.borrow_mut().end();
     time.sleep(period.saturating_mul(2)).await;
     let mut there: Vec<_> = running.devices.iter().zip(&running.ids).collect();
     for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {

@@ -2,6 +2,7 @@
 
 mod faults;
 mod handshake;
+mod hanging;
 mod homing;
 mod motion;
 mod options;
