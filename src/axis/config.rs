@@ -179,7 +179,8 @@ pub struct Deadlines {
     /// [`Failure::NotBegun`](super::Failure::NotBegun). And from the standstill at its target until bit 10 says so: then
     /// [`WaitingFor::TargetReached`](super::WaitingFor::TargetReached). Give more where a brake or an input of the drive holds the axis back for longer.
     pub begin: Duration,
-    /// From bit 8 or bit 2 to standstill.
+    /// From the beginning of a stop to standstill. A stop by bit 8 goes on to its quick stop after seven eighths of it. At its end an axis
+    /// that was not seen to stand loses its power, unless it is only halted.
     pub standstill: Duration,
     /// From 6060h to 6061h.
     pub mode: Duration,

@@ -473,8 +473,8 @@ impl AxisCore {
     #[cfg(feature = "std")]
     pub(crate) const fn longest_stop(&self) -> Duration {
         let deadlines = &self.config.deadlines;
-        let stops = deadlines.standstill.saturating_mul(2);
-        stops
+        deadlines
+            .standstill
             .saturating_add(deadlines.disable)
             .saturating_add(self.bounds.settle)
     }
@@ -523,8 +523,10 @@ impl AxisCore {
         let traits = &self.config.traits;
         let command = if self.stopping.is_quick() {
             PowerCommand::QuickStop
-        } else if self.stopping.is_switching_off() && state == State::OperationEnabled {
-            // A drive that ignores quick stop, or has stopped the axis by it. In every other state it may still brake the axis.
+        } else if self.stopping.is_switching_off()
+            && (state == State::OperationEnabled || self.stopping.off)
+        {
+            // A drive that ignores quick stop, in every other state of which it may still brake the axis; or one that has stopped the axis by it.
             PowerCommand::DisableVoltage
         } else {
             let command = self.power.command(state, self.sample.as_ref(), traits);
@@ -1489,6 +1491,9 @@ impl AxisCore {
 
 // What each cycle's inputs mean for the commands that are under way.
 
+/// A stop by bit 8 leaves this part of the time for standstill to its quick stop.
+const QUICK_STOP_PART: u32 = 8;
+
 /// Between its arrival and its rest an axis without a set-point is within so many position windows: more is a motion, and is
 /// stopped.
 const SETTLES_WITHIN: u32 = 4;
@@ -1588,7 +1593,9 @@ impl AxisCore {
                 goal: _,
                 deadline,
             } => {
-                if state == State::OperationEnabled && !self.is_standing() {
+                let powered = matches!(state, State::OperationEnabled | State::QuickStopActive);
+                let stops = state == State::QuickStopActive && self.stopping.is_active();
+                if powered && !stops && !self.is_standing() {
                     // It was not at rest after all, or something has set it in motion since.
                     self.power = Power::Off;
                     self.begin_quick_stop(now);
@@ -1887,22 +1894,30 @@ impl AxisCore {
                     self.finish_without_quick_stop(state);
                     return;
                 }
-                // A drive that ignores bit 8 would let the axis run on until the deadline.
+                // A drive that ignores bit 8 would let the axis run on until then.
                 let ignored = self.stopping.deceleration.ignores_stop();
-                if ignored || self.stands_halted(now) || now >= until {
+                let quick = self.config.deadlines.standstill / QUICK_STOP_PART;
+                if ignored || self.stands_halted(now) || now >= until.saturating_sub(quick) {
                     self.begin_quick_stop(now);
                 }
             }
-            StopPhase::Quick { until } => {
+            StopPhase::Quick { mut until } => {
+                if self.delivers_quick_stop(now, delivered)
+                    && until.is_none_or(|until| now >= until)
+                {
+                    // It gets bit 2 only now, and has its time from now on.
+                    until = Some(now.saturating_add(self.config.deadlines.standstill));
+                    self.stopping.phase = StopPhase::Quick { until };
+                }
                 // A drive that stays there although 605Ah said otherwise when it was read is believed in the end.
                 let late = until.is_none_or(|until| now >= until);
                 let holds = state == State::QuickStopActive
                     && (self.config.quick_stop.stays_in_quick_stop_active() || late);
                 let off = matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled);
-                let followed = self.has_quick_stopped(now, holds || off, delivered);
+                let followed = self.has_quick_stopped(now, holds || off);
                 if followed && ((holds && self.is_standing()) || (off && self.is_at_rest())) {
                     self.finish_quick_stop(now, state);
-                } else if self.ignores_quick_stop(now, sample, delivered) {
+                } else if self.ignores_quick_stop(now, sample, delivered, late) {
                     self.give_quick_stop_up(now);
                 } else if self.stopping.quick_delivered.is_none() && late && until.is_some() {
                     self.give_waiting_up(state);
@@ -1936,6 +1951,7 @@ impl AxisCore {
                     }
                 } else if now >= until {
                     self.stopping.phase = StopPhase::None;
+                    self.stopping.off = false;
                     let failure = self.timeout(
                         WaitingFor::State(State::SwitchOnDisabled),
                         Delivery::NotSent,
@@ -1946,7 +1962,8 @@ impl AxisCore {
         }
     }
 
-    /// Waiting stops fail, since the axis does not come to rest. A drive in Operation enabled is commanded on.
+    /// Waiting stops fail, since the axis does not come to rest, and its power goes. A drive that is not known to have got the quick stop is
+    /// commanded on.
     fn give_waiting_up(&mut self, state: State) {
         let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
         self.fail_motions(failure);
@@ -1961,15 +1978,14 @@ impl AxisCore {
         }
         self.stopping.phase = StopPhase::None;
         self.stopping.off = false;
-        self.leave_operation(if state == State::QuickStopActive {
-            Power::Holding
-        } else {
-            Power::Off
-        });
+        if self.stopping.sent_since.is_some() {
+            self.brake.give_up();
+        }
+        self.leave_operation(Power::Off);
     }
 
     fn finish_quick_stop(&mut self, now: Duration, state: State) {
-        let off = core::mem::take(&mut self.stopping.off);
+        let off = self.stopping.off;
         let failure = if off {
             Failure::Disabled { state }
         } else {
@@ -2150,7 +2166,7 @@ impl AxisCore {
         self.cancel_enabling(Failure::Disabled { state });
         self.fail_resume(Failure::Disabled { state });
         if self.begin_stop(now, Failure::Disabled { state }) {
-            self.stopping.off = !self.stopping.is_switching_off();
+            self.stopping.off |= !self.stopping.is_switching_off();
             self.wait_for_stop(now, id);
             return;
         }
@@ -2502,20 +2518,34 @@ impl AxisCore {
         delivered.is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen())
     }
 
+    /// Whether bit 2 low is known to be delivered by this cycle, for the first time in this quick stop.
+    fn delivers_quick_stop(&mut self, now: Duration, delivered: bool) -> bool {
+        let is_first = delivered
+            && !self.sent.contains(Controlword::BIT_QUICK_STOP)
+            && self.stopping.sent_since.is_none();
+        if is_first {
+            self.stopping.sent_since = Some(now);
+        }
+        is_first
+    }
+
     /// Whether the state of this sample, in which a quick stop may end or not, shows that the drive has followed it: the drive has surely seen bit 2
     /// low; or, where nobody knows what it receives, has shown no other state for the settle time. One statusword alone may be wrong.
-    fn has_quick_stopped(&mut self, now: Duration, may_end: bool, delivered: bool) -> bool {
-        if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
-            self.stopping.sent_since.get_or_insert(now);
-        }
+    fn has_quick_stopped(&mut self, now: Duration, may_end: bool) -> bool {
         let settle = self.bounds.settle;
         let shown = self.stopping.shown.update(now, may_end, settle);
         may_end && (shown || self.has_seen(now, self.stopping.sent_since))
     }
 
-    /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower, or has
-    /// had the time to come to rest since.
-    fn ignores_quick_stop(&mut self, now: Duration, sample: &Sample, delivered: bool) -> bool {
+    /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower, or its time to
+    /// come to rest is over.
+    fn ignores_quick_stop(
+        &mut self,
+        now: Duration,
+        sample: &Sample,
+        delivered: bool,
+        late: bool,
+    ) -> bool {
         if sample.state() != State::OperationEnabled {
             self.stopping.measure_quick();
             return false;
@@ -2527,10 +2557,8 @@ impl AxisCore {
             let deceleration = &mut self.stopping.quick_deceleration;
             deceleration.update(now, sample.position, &self.bounds);
         }
-        let standstill = self.config.deadlines.standstill;
-        let since = self.stopping.quick_delivered;
         self.stopping.quick_deceleration.ignores_stop()
-            || since.is_some_and(|since| now.saturating_sub(since) >= standstill)
+            || (late && self.has_seen(now, self.stopping.quick_delivered))
     }
 
     /// The drive does not stop the axis: without voltage it at least drives it no further.

@@ -13,8 +13,8 @@ pub(super) enum StopPhase {
     /// No stop is under way; the axis may be halted.
     #[default]
     None,
-    /// Halting, with the quick stop to follow at standstill or then. Of an axis that is known to move for nothing, where it was: if
-    /// it comes to rest and has not left that place, there is nothing to abandon.
+    /// Halting, with the quick stop to follow at standstill, or before then: the axis is to stand by then. Of one that is known to move for
+    /// nothing, where it was: if it comes to rest and has not left that place, there is nothing to abandon.
     Halting { until: Duration, from: Option<i32> },
     /// Quick stop, to be at standstill by then; without a time it is commanded on without anybody waiting.
     Quick { until: Option<Duration> },
@@ -39,7 +39,7 @@ pub(super) enum Wait {
 #[derive(Debug, Clone, Hash, Default)]
 pub(super) struct Stopping {
     pub phase: StopPhase,
-    /// Whether the axis is to be disabled at the end.
+    /// Whether the axis is to be disabled at the end; and while its voltage is, whether it stood before.
     pub off: bool,
     /// Whether those whose set-points are kept have been informed that the axis stands.
     pub halt_reported: bool,
@@ -79,8 +79,12 @@ impl Stopping {
         self.deceleration = DecelerationMonitor::default();
     }
 
-    /// Bit 2 falls, and the axis is to stand by then.
+    /// Bit 2 falls, and the axis is to stand by then, or by the deadline of the halt that this goes on from.
     pub fn begin_quick(&mut self, until: Duration) {
+        let until = match self.phase {
+            StopPhase::Halting { until, .. } => until,
+            _ => until,
+        };
         self.phase = StopPhase::Quick { until: Some(until) };
         self.sent_since = None;
         self.shown = ShownFor::NOT;

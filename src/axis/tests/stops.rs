@@ -541,14 +541,15 @@ fn a_move_is_told_once_that_it_is_halted() {
 }
 
 #[test]
-fn an_axis_that_its_drive_does_not_bring_to_rest_is_held_on_in_quick_stop() {
+fn an_axis_that_its_drive_does_not_bring_to_rest_loses_its_power_at_the_deadline() {
     let (mut drive, _) = Played::moving(Played::config(), 100_000);
     let stopping = drive.submit(Command::QuickStop);
     let (cycles, result) = drive.cycles_to_end(stopping, QUICK_STOP_ACTIVE);
     assert_eq!(cycles, 400);
     assert_never_stood(&drive, result);
+    assert_eq!(drive.word(), 0);
     drive.shows_for(900, QUICK_STOP_ACTIVE);
-    assert_eq!(drive.word(), QUICK_STOP);
+    assert_eq!(drive.word(), 0);
 }
 
 #[test]

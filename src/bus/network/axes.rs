@@ -219,8 +219,7 @@ impl Axes {
         })
     }
 
-    /// How long it may take until the slowest axis stands and is disabled: a halt that misses its deadline, a quick stop after that,
-    /// and the way down.
+    /// How long it may take until the slowest axis stands and is disabled.
     pub fn longest_stop(&self) -> Duration {
         let stops = self.axes.iter().map(|axis| axis.core.longest_stop());
         stops.max().unwrap_or_default()
