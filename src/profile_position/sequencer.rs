@@ -37,10 +37,21 @@ pub(crate) struct Sequencer {
 /// Whether the drive has seen the bits 5, 6 and 9 that are out while bit 4 is low.
 #[derive(Debug, Clone, Copy, Hash)]
 enum Ahead {
-    /// They fell with bit 4, and are seen with its low.
+    /// They change in the frame in which bit 4 falls, and are seen with its low.
+    Falls,
+    /// They have.
     Fell,
     Changed,
     Delivered(Duration),
+}
+
+impl Ahead {
+    /// They are others from the next frame on.
+    const fn change(&mut self) {
+        if !matches!(self, Self::Falls) {
+            *self = Self::Changed;
+        }
+    }
 }
 
 impl Sequencer {
@@ -264,6 +275,9 @@ impl Sequencer {
     /// The outputs composed last have been sent.
     pub fn mark_sent(&mut self, now: Duration) {
         self.bit4.mark_sent(now);
+        if let Ahead::Falls = self.ahead {
+            self.ahead = Ahead::Fell;
+        }
     }
 
     /// Ends everything with this failure, which says how far each set-point came. Bit 4 stays as it was sent.
@@ -441,6 +455,7 @@ impl Sequencer {
             }
             BufferRoom::Later => {
                 self.pending.first_is_free();
+                self.send_start_bits(&request.command, cycle, fresh);
                 return;
             }
             BufferRoom::Never(reason) => {
@@ -457,16 +472,19 @@ impl Sequencer {
                 return;
             }
         };
+        if ready
+            && cycle.delivered
+            && let Err(failure) = self.drive_buffer.check_limits(&request.command, cycle)
+        {
+            self.pending.remove(request.id);
+            self.take_start_bits_back();
+            events.push(request.id, Event::Done(Err(failure)));
+            return;
+        }
         let shown = self.send_start_bits(&request.command, cycle, fresh);
         if ready {
             self.pending.first_is_free();
             if !cycle.delivered || !shown {
-                return;
-            }
-            if let Err(failure) = self.drive_buffer.check_limits(&request.command, cycle) {
-                self.pending.remove(request.id);
-                self.take_start_bits_back();
-                events.push(request.id, Event::Done(Err(failure)));
                 return;
             }
             if request.command.gated {
@@ -491,17 +509,15 @@ impl Sequencer {
         let bits = start_bits(command, cycle.traits);
         if self.bits != bits {
             self.bits = bits;
-            self.ahead = Ahead::Changed;
-            return false;
-        }
-        if let Ahead::Changed = self.ahead
+            self.ahead.change();
+        } else if let Ahead::Changed = self.ahead
             && fresh
             && cycle.delivered
         {
             self.ahead = Ahead::Delivered(cycle.now);
         }
         match self.ahead {
-            Ahead::Fell => true,
+            Ahead::Falls | Ahead::Fell => true,
             Ahead::Changed => false,
             Ahead::Delivered(at) => cycle.is_seen(at),
         }
@@ -511,7 +527,7 @@ impl Sequencer {
     fn take_start_bits_back(&mut self) {
         if self.bit4.is_low() && !self.bits.is_empty() {
             self.bits = ModeBits::NONE;
-            self.ahead = Ahead::Changed;
+            self.ahead.change();
         }
     }
 
@@ -577,7 +593,7 @@ impl Sequencer {
     fn low(&mut self) {
         self.bit4 = Bit4::LOW;
         self.bits = ModeBits::NONE;
-        self.ahead = Ahead::Fell;
+        self.ahead = Ahead::Falls;
     }
 }
 
