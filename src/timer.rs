@@ -41,9 +41,15 @@ impl Timer {
         Self(self.0.saturating_add(time.0))
     }
 
+    /// The same, to end this much sooner.
+    #[inline]
+    pub const fn sooner(self, time: Elapsed) -> Self {
+        Self(self.0.saturating_sub(time.0))
+    }
+
     #[inline]
     pub const fn pass(&mut self, elapsed: Elapsed) {
-        self.0 = self.0.saturating_sub(elapsed.0);
+        *self = self.sooner(elapsed);
     }
 
     pub const fn left(self) -> Elapsed {

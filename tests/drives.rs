@@ -102,7 +102,7 @@ fn limits(drive: &DriveDescription) -> String {
 
 type Cell = fn(&DriveDescription) -> String;
 
-const ROWS: [(&str, Cell); 14] = [
+const ROWS: [(&str, Cell); 15] = [
     ("vendor", |drive| number(drive.vendor)),
     ("product", |drive| number(drive.product)),
     ("RxPDO, TxPDO of each axis", pdos),
@@ -123,6 +123,13 @@ const ROWS: [(&str, Cell); 14] = [
     }),
     ("`BufferMode::Blending`", |drive| {
         start(drive, BufferMode::Blending)
+    }),
+    ("bits 5, 6 and 9 go out", |drive| {
+        if drive.traits.start_bits_first {
+            "two drive cycles before bit 4".to_owned()
+        } else {
+            "with bit 4".to_owned()
+        }
     }),
     ("bit 12 is taken to show", |drive| {
         match drive.traits.buffer_signal {

@@ -95,7 +95,8 @@ fn an_arrival_on_the_other_side_of_the_seam_is_within_the_window() {
     // The last counts are friction.
     rig.drive.disturbances().blocked = true;
     let position = reached(&mut rig, id);
-    assert!((35_994..36_000).contains(&position), "{position}");
+    // Less the noise of the encoder.
+    assert!((35_990..36_000).contains(&position), "{position}");
 }
 
 #[test]

@@ -217,9 +217,9 @@ fn a_quick_stop_loses_the_set_point_and_enabling_again_moves_nothing() {
     assert_eq!(rig.drive.position(), stood);
 }
 
-/// With 605Ah = 6 the drive stays in Quick stop active, where it holds the axis.
+/// With 605Ah = 6 the drive stays in Quick stop active. The deadline is shorter than its ramp.
 #[test]
-fn a_stop_that_lasts_too_long_leaves_the_axis_held_where_it_comes_to_rest() {
+fn a_stop_that_lasts_too_long_ends_without_power() {
     let mut rig = Rig::new(Behaviour::akd2g(), |config| {
         config.quick_stop = QuickStopOption(6);
         config.deadlines.standstill = Duration::from_millis(200);
@@ -234,9 +234,10 @@ fn a_stop_that_lasts_too_long_leaves_the_axis_held_where_it_comes_to_rest() {
     let end = rig.finish(stop);
     assert!(matches!(end, Err(Failure::Timeout { .. })), "{end:?}");
     assert!(rig.moves());
+    assert_eq!(rig.word(), 0);
     rig.run(2_000);
     assert!(!rig.moves());
-    assert_eq!(rig.core.snapshot().state, State::QuickStopActive);
+    assert_eq!(rig.core.snapshot().state, State::SwitchOnDisabled);
 }
 
 #[test]

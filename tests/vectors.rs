@@ -104,7 +104,7 @@ fn each_kind_of_start_is_the_word_of_the_akd2gs_bit_tables() {
             "relative" => Reference::Relative,
             other => panic!("{other}"),
         };
-        let word = hex(row[2]);
+        let (before, word) = (hex(row[2]), hex(row[3]));
         let mut rig = Rig::enabled();
         let first = rig.abs(50_000, SetPoint::new());
         rig.wait_accepted(first);
@@ -117,8 +117,12 @@ fn each_kind_of_start_is_the_word_of_the_akd2gs_bit_tables() {
         };
         rig.wait_accepted(second);
         rig.run(2);
-        // On a ready axis it rises in the next frame.
-        assert_eq!(rig.distinct_words(from), [word, 0x000F], "{row:?}");
+        // On a ready axis what needs no other bit rises in the next frame.
+        let mut words = vec![before, word, 0x000F];
+        if before == 0x000F {
+            words.remove(0);
+        }
+        assert_eq!(rig.distinct_words(from), words, "{row:?}");
         let line = &rig.ledger()[1];
         assert_eq!(
             (line.bit_5, line.relative, line.bit_9),

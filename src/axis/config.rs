@@ -165,11 +165,12 @@ pub struct Deadlines {
     /// From bit 4 to bit 12, and for bit 12 to fall before a set-point. At least four of the drive's cycles
     /// ([`Traits::drive_cycle`](crate::profile_position::Traits::drive_cycle)) count, however short this is: the drive needs them.
     pub acknowledge: Duration,
-    /// From bit 12 until an acknowledged set-point shows that it has begun: bit 10 falls, or the axis leaves where it stood. Then
-    /// [`Failure::NotBegun`](super::Failure::NotBegun). And from the standstill at its target until bit 10 says so: then
-    /// [`WaitingFor::TargetReached`](super::WaitingFor::TargetReached). Give more where a brake or an input of the drive holds the axis back for longer.
+    /// From bit 12 until an acknowledged set-point shows that it has begun: bit 10 falls, or the axis leaves where it stood. Of an axis that
+    /// rests for so long the set-point ends as [`Failure::Unknown`](super::Failure::Unknown): with bit 10 high it has not begun, with bit 10 low
+    /// at its target it has not ended. Give more where a brake or an input of the drive holds the axis back for longer.
     pub begin: Duration,
-    /// From bit 8 or bit 2 to standstill.
+    /// From the beginning of a stop to standstill. A stop by bit 8 goes on to its quick stop after three quarters of it. At its end an axis
+    /// that was not seen to stand loses its power, unless it is only halted.
     pub standstill: Duration,
     /// From 6060h to 6061h.
     pub mode: Duration,

@@ -10,7 +10,7 @@ use crate::{
         Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, Failure, LastSeen,
         Rest, Rules, WaitingFor,
     },
-    timer::{Due, Elapsed, Timer},
+    timer::{Due, Elapsed, Timer, nanoseconds},
 };
 
 use super::{
@@ -769,11 +769,10 @@ impl Machines {
         self.withdraw_unsent(Failure::QUICK_STOPPED);
         self.fail_resume(Failure::QUICK_STOPPED);
         if !self.stopping.is_quick() {
-            let mut left = step.deadline();
-            if let StopPhase::Halting { .. } = self.stopping.phase {
-                // Bit 8 had the other half.
-                left = half(step);
-            }
+            let left = match self.stopping.phase {
+                StopPhase::Halting { left, .. } => left.later(quarter(step)),
+                _ => step.deadline(),
+            };
             self.stopping.begin_quick(left);
         }
         true
@@ -831,7 +830,7 @@ impl Machines {
         self.begin_halt(step);
         self.stopping.halt.lent = from.is_some();
         self.stopping.phase = StopPhase::Halting {
-            left: half(step),
+            left: step.deadline().sooner(quarter(step)),
             from,
         };
         true
@@ -852,7 +851,7 @@ pub(super) const fn halts_under_control(step: &Step<'_>) -> bool {
     step.config.stop_options.halts_under_control()
 }
 
-/// Half of the time that a stop has.
-fn half(step: &Step<'_>) -> Timer {
-    step.timer(step.config.deadlines.standstill / 2)
+/// A quarter of the time that a stop has: bit 8 leaves it for quick stop.
+const fn quarter(step: &Step<'_>) -> Elapsed {
+    Elapsed(nanoseconds(step.config.deadlines.standstill) / 4)
 }

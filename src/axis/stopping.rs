@@ -1,6 +1,6 @@
 //! Stops: bit 8, quick stop, and in the end Disable voltage; how far one is, and who waits for it.
 //!
-//! A stop has until [`Deadlines::standstill`](super::Deadlines::standstill): bit 8 for half of that at most, then quick stop. An axis that
+//! A stop has until [`Deadlines::standstill`](super::Deadlines::standstill): bit 8 for three quarters of that at most, then quick stop. An axis that
 //! was not seen to stand by then loses its power. A drive that ignores either word is found out earlier, by the speed of the axis
 //! (decisions 19 and 20).
 
@@ -246,7 +246,7 @@ impl Stopping {
                 if lent && stands_halted {
                     StopStep::OverHalted
                 } else if stands_halted || is_late || self.ignores_halt() {
-                    // Quick stop has the other half of the time.
+                    // Quick stop has the rest of the time.
                     StopStep::Quick
                 } else {
                     StopStep::Nothing

@@ -71,8 +71,9 @@ pub fn akd2g() -> DriveDescription {
             ..Limits::default()
         },
         // "Profile Position Mode": bit 5 starts at once, bit 9 with bit 5 low blends, bit 12 follows bit 4, a halt keeps
-        // the set-point. What relative moves count from is not documented.
+        // the set-point. Its example has bits 5 and 6 one word before bit 4. What relative moves count from is not documented.
         traits: Traits {
+            start_bits_first: true,
             buffer_signal: BufferSignal::None,
             relative_base: RelativeBase::Undocumented,
             halt_keeps_set_point: true,

@@ -120,7 +120,7 @@ pub struct Traits {
     pub blend: StartBits,
     /// Whether bits 5, 6 and 9 go out before bit 4 rises, until the drive has surely seen them: for a drive that takes them from the
     /// word before. Else they go out with bit 4, as CiA 402 has it, and a move on an axis that is ready rises in the next frame.
-    /// With it a move whose bits 5, 6 and 9 are not all 0 rises two of the drive's cycles later.
+    /// With it a move whose bits 5, 6 and 9 are not all 0 rises two of the drive's cycles later, unless it waits for its turn that long.
     pub start_bits_first: bool,
     /// What bit 12 shows of the buffer.
     pub buffer_signal: BufferSignal,

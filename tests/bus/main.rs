@@ -23,6 +23,7 @@ mod log;
 mod mappings;
 mod messages;
 mod modes;
+mod never_at_rest;
 mod otherwise;
 mod own_time;
 mod parameters;

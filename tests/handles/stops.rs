@@ -4,7 +4,7 @@ use servocrab::{
     axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure},
     coe::{AnyObject, obj},
     ds402::{State, StopOptions},
-    profile_position::{Outcome, SetPoint},
+    profile_position::{BufferMode, Outcome, SetPoint},
 };
 use servocrab_sim::ds402;
 
@@ -458,7 +458,9 @@ fn dropping_the_last_handle_stops_a_move_that_is_just_being_sent() {
     let pp = machine.finish(axis.profile_position()).unwrap();
     let mut moving = Task::new(async move {
         let _axis = axis;
-        pp.move_abs(1_000_000, SetPoint::new()).await.map(drop)
+        // It needs no bit but 4, and so rises at once.
+        let set_point = SetPoint::new().buffer_mode(BufferMode::Buffered);
+        pp.move_abs(1_000_000, set_point).await.map(drop)
     });
     assert!(moving.poll().is_none());
     machine.cycle_while(|| drop(moving));

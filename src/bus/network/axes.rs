@@ -271,8 +271,8 @@ impl Axes {
         self.has_ended = true;
     }
 
-    /// How long it may take until the slowest axis stands and is disabled: a halt that misses its deadline, a quick stop after that,
-    /// and the way down; before that, with a brake, another halt, and the time in which that closes.
+    /// How long it may take until the slowest axis stands and is disabled; before that, with a brake, a halt, and the time in which that
+    /// closes.
     pub fn longest_stop(&self) -> Duration {
         let stops = self.axes.iter().map(|axis| {
             let brake = axis.brake.as_ref();

@@ -371,8 +371,8 @@ impl Network {
     /// Stops and disables all axes, brings the drives out of OP, and ends the thread. Whoever has the network may ask for it, also
     /// while others wait for something of it: these get an error, and so does everybody who asks for something later.
     ///
-    /// The drives stay in OP until every axis that answers stands without power. That takes at most, for the slowest axis, twice
-    /// [`Deadlines::standstill`](crate::axis::Deadlines::standstill), once [`Deadlines::disable`](crate::axis::Deadlines::disable), the settle
+    /// The drives stay in OP until every axis that answers stands without power. That takes at most, for the slowest axis,
+    /// [`Deadlines::standstill`](crate::axis::Deadlines::standstill), [`Deadlines::disable`](crate::axis::Deadlines::disable), the settle
     /// time of its [`Tolerances`](crate::axis::Tolerances) and a second; then at most a second for each of the four steps down. Dropping the network
     /// does the same; what is an error here is only logged then.
     ///

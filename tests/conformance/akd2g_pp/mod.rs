@@ -776,7 +776,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-62",
         section: "Example Sequence of Events, option 2",
-        says: "The word before the move, then the one with bit 4: start from standstill, relative (4Fh, 5Fh). The library sends 5Fh without 4Fh before it, see AKD2G-PP-79.",
+        says: "The word before the move, then the one with bit 4: start from standstill, relative (4Fh, 5Fh).",
         drive: by!(sequence::option_2::drive_starts, "drive-bit-6-inverted"),
         library: by!(sequence::option_2::library_starts, "library-bit-6-inverted"),
     },
@@ -809,7 +809,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-65",
         section: "Example Sequence of Events, reset of the start bit, option 2",
-        says: "The start bit may be reset at any time during or after the move (4Fh). The library sends 0Fh: bits 5, 6 and 9 fall with bit 4.",
+        says: "The start bit may be reset at any time during or after the move (4Fh). The library sends 0Fh in place of 4Fh: a relative flag never outlives its operation.",
         drive: by!(
             sequence::option_2::drive_lets_the_start_bit_fall,
             "drive-stops-with-bit-4"
@@ -822,7 +822,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-66",
         section: "Example Sequence of Events, option 3",
-        says: "The word before the move, then the one with bit 4: start immediately, absolute (2Fh, 3Fh). The library sends 3Fh without 2Fh before it, see AKD2G-PP-79.",
+        says: "The word before the move, then the one with bit 4: start immediately, absolute (2Fh, 3Fh).",
         drive: by!(sequence::option_3::drive_starts, "drive-bit-6-inverted"),
         library: by!(sequence::option_3::library_starts, "library-bit-6-inverted"),
     },
@@ -855,7 +855,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-69",
         section: "Example Sequence of Events, reset of the start bit, option 3",
-        says: "The start bit may be reset at any time during or after the move (2Fh). The library sends 0Fh: bits 5, 6 and 9 fall with bit 4.",
+        says: "The start bit may be reset at any time during or after the move (2Fh). The library sends 0Fh in place of 2Fh: bits 5, 6 and 9 fall with bit 4.",
         drive: by!(
             sequence::option_3::drive_lets_the_start_bit_fall,
             "drive-stops-with-bit-4"
@@ -868,7 +868,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-70",
         section: "Example Sequence of Events, option 4",
-        says: "The word before the move, then the one with bit 4: start immediately, relative (6Fh, 7Fh). The library sends 7Fh without 6Fh before it, see AKD2G-PP-79.",
+        says: "The word before the move, then the one with bit 4: start immediately, relative (6Fh, 7Fh).",
         drive: by!(sequence::option_4::drive_starts, "drive-bit-6-inverted"),
         library: by!(sequence::option_4::library_starts, "library-bit-6-inverted"),
     },
@@ -901,7 +901,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-73",
         section: "Example Sequence of Events, reset of the start bit, option 4",
-        says: "The start bit may be reset at any time during or after the move (6Fh). The library sends 0Fh: bits 5, 6 and 9 fall with bit 4.",
+        says: "The start bit may be reset at any time during or after the move (6Fh). The library sends 0Fh in place of 6Fh: a relative flag never outlives its operation.",
         drive: by!(
             sequence::option_4::drive_lets_the_start_bit_fall,
             "drive-stops-with-bit-4"
@@ -979,13 +979,13 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-79",
         section: "Example Sequence of Events, options 1 to 4",
-        says: "The words have bits 5 and 6 one step before bit 4, and keep them after it. Whether the drive needs that is not said. Sent so, a set-point is right on a drive that takes them with the edge and on one that takes them from the word before; sent with bit 4, only on the first. The library sends them with bit 4, so that a move on an axis that is ready rises in the next frame, and first where `Traits::start_bits_first` is set.",
+        says: "The words have bits 5 and 6 one step before bit 4, and keep them after it. Whether the drive needs that is not said. Sent so, a set-point is right on a drive that takes them with the edge and on one that takes them from the word before; sent with bit 4, only on the first. The library sends them so.",
         drive: by!(
             sequence::drive_may_take_the_start_bits_with_the_edge_or_before,
             "drive-start-bits-only-with-the-edge"
         ),
         library: by!(
-            sequence::library_sends_the_start_bits_first_where_the_drive_wants_that,
+            sequence::library_sends_the_start_bits_first,
             "library-start-bits-never-first"
         ),
     },
