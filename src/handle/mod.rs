@@ -18,9 +18,11 @@ mod profile_position;
 mod profile_velocity;
 mod queue;
 mod setup;
+mod signals;
 mod start_together;
+mod statistics;
 mod status;
-mod stops;
+mod stop_handle;
 
 // The owner of the cycle logs what an axis does; handles log who asked for it, at DEBUG.
 use crate::log_target::AXIS as LOG;
@@ -35,8 +37,8 @@ pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
 pub use homing::{Home, Homed, Homing};
 pub use profile_position::{Done, Move, MoveRequest, Outcome, ProfilePosition};
 pub use profile_velocity::{Jog, ProfileVelocity};
-pub use queue::{AxisPort, AxisStatistics, MotionEnd};
+pub use queue::AxisPort;
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
 pub use start_together::{AxisSet, GroupQueue, Groups, StartTogether, start_together};
-pub use stops::StopHandle;
-pub use stops::{Liveness, LivenessWatch};
+pub use statistics::{AxisStatistics, MotionEnd};
+pub use stop_handle::{Liveness, LivenessWatch, StopHandle};

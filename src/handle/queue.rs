@@ -2,7 +2,7 @@
 //!
 //! A handle puts a command in and holds it as a [`Pending`]. The [`AxisPort`] takes it to the axis core before the frames are sent. After
 //! the step it brings the core's reports and its snapshot back. A stop goes beside the queue. From top to bottom: what the two ends share,
-//! the stops that were asked for, the slots of the commands, the program's end, the bus thread's end, how motions ended.
+//! the stops that were asked for, the slots of the commands, the program's end, the bus thread's end.
 
 use core::{
     fmt,
@@ -18,17 +18,18 @@ use crate::{
         AxisCore, Command, CommandId, Completion, CoreConfig, Delivery, DriveSettings, Event,
         Failure, Reattach, Snapshot, SnapshotChange, StopRequest, WorkingCounter,
     },
-    coe::{CodeCounts, ObjectAddress},
+    coe::ObjectAddress,
     ds402::{Controlword, Mode, State},
-    wakes::{End, Waiters, Wakes, stored},
+    wakes::{Waiters, stored},
 };
 
 use super::{
-    AxisError, AxisErrorKind, AxisIdentity, AxisSetup, Groups,
+    AxisError, AxisErrorKind, AxisIdentity, AxisSetup,
     axis::Handles,
     error::{EndedByHalt, HandleUnit},
     output_cells::OutputCells,
     setup::SettingsCell,
+    statistics::AxisCounts,
     status::{Head, StatusCell, differs, motion, pack, silent},
 };
 
@@ -205,138 +206,6 @@ impl Noted {
 impl fmt::Debug for Shared {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.identity.axis)
-    }
-}
-
-// What all axes of a network share with the bus thread: that anything was asked of any of them, the time, and who wakes their futures.
-
-/// Those who sleep all wait on one channel.
-const TIME: u32 = 0;
-
-/// What the bus thread is told of once for all axes of a network, and tells them.
-#[derive(Debug)]
-pub(super) struct NetworkSignals {
-    /// Whether anything was stored for the bus thread with any of the axes, since it looked.
-    asked: AtomicBool,
-    /// How many futures wait for a change of any of the axes.
-    watchers: AtomicUsize,
-    /// How many cycles there were, where all axes are stepped together.
-    cycles: AtomicU64,
-    /// The time of the last cycle, and when the next of those who sleep is to be woken, in nanoseconds.
-    now: AtomicU64,
-    due: AtomicU64,
-    sleepers: Arc<Waiters>,
-    /// Who wakes the futures of all axes.
-    wakes: Wakes,
-    /// None where somebody else ends it.
-    _end: Option<End>,
-}
-
-impl NetworkSignals {
-    /// With who wakes, and the end of that where nobody else ends it.
-    pub fn new(wakes: Wakes, end: Option<End>) -> Self {
-        Self {
-            sleepers: wakes.waiters(),
-            wakes,
-            _end: end,
-            asked: AtomicBool::new(false),
-            watchers: AtomicUsize::new(0),
-            cycles: AtomicU64::new(0),
-            now: AtomicU64::new(0),
-            due: AtomicU64::new(u64::MAX),
-        }
-    }
-
-    /// To be called after an axis has got a request.
-    pub fn ask(&self) {
-        // Exchanged and not stored: the reader sees what each of several threads has asked for, and not the last one's alone.
-        self.asked.swap(true, Ordering::Release);
-    }
-
-    /// To be held by a task that waits for a change of any of the axes.
-    pub fn watch(&self) -> Watch<'_> {
-        self.watchers.fetch_add(1, Ordering::AcqRel);
-        Watch(self)
-    }
-
-    /// Where the futures of an axis wait.
-    pub fn waiters(&self) -> Arc<Waiters> {
-        self.wakes.waiters()
-    }
-
-    /// Has those woken for whom there is something new.
-    pub fn hand_over(&self) {
-        self.wakes.hand_over();
-    }
-
-    /// How many cycles there were in which all axes were stepped, or left at rest.
-    pub fn cycles(&self) -> u64 {
-        self.cycles.load(Ordering::Acquire)
-    }
-
-    /// The network's time: that of its last cycle.
-    pub fn now(&self) -> Duration {
-        Duration::from_nanos(self.now.load(Ordering::Acquire))
-    }
-
-    /// Sleeps until this moment of the network's time, which does not come once the network has ended.
-    pub async fn sleep_until(&self, until: Duration) {
-        let is_over = || {
-            if self.now() >= until {
-                return Some(());
-            }
-            self.due.fetch_min(nanoseconds(until), Ordering::SeqCst);
-            None
-        };
-        self.sleepers.until(TIME, is_over).await;
-    }
-
-    /// Says what time it is; to be called once a cycle.
-    #[inline]
-    pub fn note_time(&self, now: Duration) {
-        let now = nanoseconds(now);
-        self.now.store(now, Ordering::Release);
-        if now >= self.due.load(Ordering::Relaxed) {
-            self.wake_sleepers();
-        }
-    }
-
-    #[cold]
-    fn wake_sleepers(&self) {
-        // Who sleeps on says so again.
-        self.due.store(u64::MAX, Ordering::SeqCst);
-        self.sleepers.announce(TIME);
-    }
-}
-
-fn nanoseconds(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
-}
-
-/// Somebody waits for a change.
-pub(super) struct Watch<'a>(&'a NetworkSignals);
-
-impl Drop for Watch<'_> {
-    fn drop(&mut self) {
-        self.0.watchers.fetch_sub(1, Ordering::AcqRel);
-    }
-}
-
-impl Groups {
-    /// Whether any of the axes has been asked for anything since this was called last: else none of their ports needs to be
-    /// looked at before sending.
-    pub(crate) fn take_asked(&self) -> bool {
-        self.signals.asked.swap(false, Ordering::AcqRel)
-    }
-
-    /// Whether anybody waits for a change of any of the axes, as far as [`stored`](crate::wakes::stored) was called before.
-    pub(crate) fn are_watched(&self) -> bool {
-        self.signals.watchers.load(Ordering::Relaxed) != 0
-    }
-
-    /// Says how many cycles there were; to be called when every axis was stepped and passed on, or left at rest.
-    pub(crate) fn count_to(&self, cycles: u64) {
-        self.signals.cycles.store(cycles, Ordering::Release);
     }
 }
 
@@ -1861,153 +1730,6 @@ impl Drop for AxisPort {
     }
 }
 
-// What has become of an axis' motions, counted for those who look beside the program.
-
-/// How a move, a homing or a jog has ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[non_exhaustive]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub enum MotionEnd {
-    /// A move at its target, or a jog at a velocity that its program has let go.
-    Reached,
-    /// A move that went on into the next one.
-    Passed,
-    /// A homing that is attained.
-    Homed,
-    /// A later move took its place, or perhaps did.
-    Superseded,
-    /// The axis was stopped, halted or disabled, or nobody held its jog.
-    Stopped,
-    /// The axis has a fault.
-    Fault,
-    /// The drive counts as lost, or has left OP.
-    Lost,
-    /// It stands elsewhere, or never began.
-    Missed,
-    /// Where it ended was not seen.
-    Unknown,
-    /// A time limit ran out, or the drive reports an error of the homing.
-    Failed,
-    /// Nothing of it was sent: what its error names was against it.
-    Refused,
-}
-
-impl MotionEnd {
-    const ALL: [Self; 11] = [
-        Self::Reached,
-        Self::Passed,
-        Self::Homed,
-        Self::Superseded,
-        Self::Stopped,
-        Self::Fault,
-        Self::Lost,
-        Self::Missed,
-        Self::Unknown,
-        Self::Failed,
-        Self::Refused,
-    ];
-
-    const fn of(result: &Result<Completion, Failure>) -> Self {
-        match result {
-            Ok(Completion::Reached { .. } | Completion::Prepared { .. } | Completion::Done) => {
-                Self::Reached
-            }
-            Ok(Completion::Passed { .. }) => Self::Passed,
-            Ok(Completion::Homed { .. }) => Self::Homed,
-            Ok(Completion::Stopped { .. })
-            | Err(
-                Failure::Halted { .. }
-                | Failure::QuickStopped { .. }
-                | Failure::Disabled { .. }
-                | Failure::HomingHalted
-                | Failure::LivenessExpired
-                | Failure::NotHeld,
-            ) => Self::Stopped,
-            Err(Failure::Superseded | Failure::PerhapsSuperseded { .. }) => Self::Superseded,
-            Err(Failure::Fault { .. }) => Self::Fault,
-            Err(
-                Failure::BusLost { .. }
-                | Failure::LeftOp { .. }
-                | Failure::Undelivered { .. }
-                | Failure::ClockJumped,
-            ) => Self::Lost,
-            Err(Failure::MissedTarget { .. } | Failure::NotBegun { .. }) => Self::Missed,
-            Err(
-                Failure::Unseen { .. } | Failure::EndNotKnown { .. } | Failure::Unconfirmed { .. },
-            ) => Self::Unknown,
-            Err(
-                Failure::Timeout { .. }
-                | Failure::HomingError { .. }
-                | Failure::HaltIgnored
-                | Failure::HaltCoasts
-                | Failure::QuickStopIgnored,
-            ) => Self::Failed,
-            Err(_) => Self::Refused,
-        }
-    }
-}
-
-impl fmt::Display for MotionEnd {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Reached => "reached",
-            Self::Passed => "passed",
-            Self::Homed => "homed",
-            Self::Superseded => "superseded",
-            Self::Stopped => "stopped",
-            Self::Fault => "fault",
-            Self::Lost => "lost",
-            Self::Missed => "missed",
-            Self::Unknown => "unknown",
-            Self::Failed => "failed",
-            Self::Refused => "refused",
-        })
-    }
-}
-
-/// What has become of an axis' motions since its network started.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct AxisStatistics {
-    /// The axis and its drive.
-    pub axis: AxisIdentity,
-    /// How many moves, homings and jogs ended in which way; without those that nothing ended in.
-    pub motions: Vec<(MotionEnd, u64)>,
-    /// How many faults there were of each error code 603Fh. `None`: 603Fh is not mapped or was 0. Sixteen codes are counted apart; `None`
-    /// stands for all others too.
-    pub faults: Vec<(Option<u16>, u64)>,
-}
-
-/// The same as it is being counted, on the bus thread.
-#[derive(Debug, Default)]
-pub(super) struct AxisCounts {
-    motions: [AtomicU64; MotionEnd::ALL.len()],
-    faults: CodeCounts,
-}
-
-impl AxisCounts {
-    pub fn ended(&self, result: &Result<Completion, Failure>) {
-        if let Some(count) = self.motions.get(MotionEnd::of(result) as usize) {
-            count.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-
-    pub fn fault(&self, code: Option<u16>) {
-        self.faults.add(code);
-    }
-
-    pub fn read(&self, axis: AxisIdentity) -> AxisStatistics {
-        let ends = MotionEnd::ALL.into_iter().zip(&self.motions);
-        let counted = ends.map(|(end, count)| (end, count.load(Ordering::Relaxed)));
-        AxisStatistics {
-            axis,
-            motions: counted.filter(|(_, number)| *number > 0).collect(),
-            faults: self.faults.read(),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -2110,12 +1832,5 @@ mod tests {
         };
         assert_eq!(result_of(&dropped), Err(Failure::Withdrawn));
         assert_ne!(result_of(&kept), Err(Failure::Withdrawn));
-    }
-
-    #[test]
-    fn every_end_has_a_place_of_its_own() {
-        for (place, end) in MotionEnd::ALL.into_iter().enumerate() {
-            assert_eq!(end as usize, place, "{end}");
-        }
     }
 }

@@ -18,7 +18,8 @@ use crate::{
 use super::{
     AxisError, AxisErrorKind, Move, MoveRequest,
     profile_position::{CountsRequest, SplitMove},
-    queue::{LastStop, NetworkSignals, Pending, Shared},
+    queue::{LastStop, Pending, Shared},
+    signals::NetworkSignals,
 };
 
 /// Groups that wait to start at once, of one network.
