@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use crate::{axis::StopRequest, units::AxisUnit};
 
-use super::{Axis, queue::Shared};
+use super::{Axis, shared::Shared};
 
 impl<U: AxisUnit> Axis<U> {
     /// What stops this axis from anywhere: `Drop`, a signal, a panic hook.
