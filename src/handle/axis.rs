@@ -577,9 +577,7 @@ impl Drop for Handles {
         let given_up = self.given_up.get_mut();
         let given_up = given_up.unwrap_or_else(PoisonError::into_inner);
         // The frame with its bit 4 may be under way, and then no snapshot shows it yet.
-        let may_be_sent = given_up
-            .as_ref()
-            .is_some_and(|request| request.result().is_none());
+        let may_be_sent = given_up.as_ref().is_some_and(|request| !request.is_done());
         let may_move = status.has_set_point || may_be_sent;
         if may_move && !self.keep_moving.load(Ordering::Acquire) {
             self.shared.request_stop(StopRequest::STOP);

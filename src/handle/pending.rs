@@ -135,7 +135,7 @@ impl Pending {
 
 impl Drop for Pending {
     fn drop(&mut self) {
-        if self.on_drop != OnDrop::GoOn && self.request.result().is_none() {
+        if self.on_drop != OnDrop::GoOn && !self.request.is_done() {
             let ends = self.on_drop == OnDrop::End;
             self.handles.give_up(&self.request, ends);
         }

@@ -57,6 +57,14 @@ struct Taken {
     asked: LastStop,
 }
 
+impl Taken {
+    /// Whether this is a stop that was asked for again, by this one or one before it.
+    fn is_due(&self, up_to: LastStop) -> bool {
+        let asked = self.request.asked();
+        asked != self.asked && asked <= up_to
+    }
+}
+
 impl AxisPort {
     pub(super) fn new(shared: Arc<Shared>) -> Self {
         Self {
@@ -247,15 +255,19 @@ impl AxisPort {
     /// Takes back what was given up and not sent, and ends a homing that was sent and is to end.
     fn withdraw_given_up(&mut self, next: &mut NextFrame<'_>) {
         let NextFrame { core, now, outputs } = next;
+        let mut any = false;
         for Taken { request, .. } in &self.taken {
-            if let Some(ends) = request.take_withdrawal()
-                && !core.withdraw(request.id, outputs)
-                && ends
-            {
-                core.end_homing(*now, request.id, outputs);
+            if let Some(ends) = request.take_withdrawal() {
+                let withdrawn = core.withdraw(request.id, outputs);
+                if !withdrawn && ends {
+                    core.end_homing(*now, request.id, outputs);
+                }
+                any = true;
             }
         }
-        self.pass_events(core);
+        if any {
+            self.pass_events(core);
+        }
     }
 
     /// Submits so many of what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.
@@ -278,16 +290,21 @@ impl AxisPort {
     }
 
     /// Submits the stops that were asked for again, up to this one, in their order.
+    #[inline]
     fn take_stops_again(&mut self, up_to: LastStop, next: &mut NextFrame<'_>) {
-        let asked = |taken: &Taken| taken.request.asked();
-        let is_due = |taken: &&mut Taken| asked(taken) != taken.asked && asked(taken) <= up_to;
-        loop {
-            let due = self.taken.iter_mut().filter(is_due);
-            let Some(first) = due.min_by_key(|taken| asked(taken)) else {
-                return;
-            };
-            first.asked = asked(first);
-            next.submit(first.request.id, first.request.command);
+        if self.taken.iter().any(|taken| taken.is_due(up_to)) {
+            self.carry_out_again(up_to, next);
+        }
+    }
+
+    #[cold]
+    fn carry_out_again(&mut self, up_to: LastStop, next: &mut NextFrame<'_>) {
+        while self.taken.iter().any(|taken| taken.is_due(up_to)) {
+            let due = self.taken.iter_mut().filter(|taken| taken.is_due(up_to));
+            if let Some(first) = due.min_by_key(|taken| taken.request.asked()) {
+                first.asked = first.request.asked();
+                next.submit(first.request.id, first.request.command);
+            }
             self.pass_events(next.core);
         }
     }
@@ -454,6 +471,7 @@ impl AxisPort {
     }
 
     /// Passes an event to the futures that wait for it. One of the network's own commands is nobody's.
+    #[inline]
     fn report(&mut self, id: CommandId, event: Event) {
         let mut places = self.taken.iter().enumerate();
         let Some((place, Taken { request, asked })) =
@@ -468,9 +486,9 @@ impl AxisPort {
                 request.halts.fetch_add(1, Ordering::AcqRel);
             }
             Event::Done(result) => {
-                let is_new = request.result().is_none();
+                let is_new = !request.is_done();
                 let is_over = request.end(*asked, result);
-                if is_new && request.result().is_some() {
+                if is_new && request.is_done() {
                     if request.is_motion() {
                         self.shared.counts.ended(&result);
                     }

@@ -81,7 +81,7 @@ impl AxisRequest {
 
     /// Where futures wait for it.
     pub const fn channel(&self) -> u32 {
-        CHANGED + 1 + self.id.0 % (u64::BITS - 1)
+        CHANGED + 1 + self.id.0 % 32
     }
 
     pub const fn is_stop(&self) -> bool {
@@ -103,6 +103,10 @@ impl AxisRequest {
 
     pub fn result(&self) -> Option<Result<Completion, Failure>> {
         self.result.get().copied()
+    }
+
+    pub fn is_done(&self) -> bool {
+        self.result.get().is_some()
     }
 
     pub fn is_accepted(&self) -> bool {
@@ -167,7 +171,7 @@ impl AxisRequest {
             GIVEN_UP | ACCEPTED => true,
             // A jog that nobody holds is on its way to 0.
             TAKEN if matches!(self.command, Command::Jog(_)) && !self.is_waited_for() => true,
-            _ => self.result().is_some(),
+            _ => self.is_done(),
         }
     }
 

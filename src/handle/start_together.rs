@@ -169,7 +169,7 @@ impl Groups {
 impl Group {
     /// Whether there is nothing more to do for it.
     fn advance(&self, now: Duration, axes: &mut impl AxisSet) -> bool {
-        let is_done = |member: &GroupMember| member.request.result().is_some();
+        let is_done = |member: &GroupMember| member.request.is_done();
         // Its axis is nobody's, or another's, once its lease was given back.
         let is_over = |member: &GroupMember| {
             is_done(member) || member.shared.check_lease(member.lease).is_err()
