@@ -1,5 +1,5 @@
 //! The bus loop in steady state allocates and frees nothing: it is turned 100 000 cycles long in virtual time under a counting
-//! allocator, with moves under way, SDO transfers of all kinds on several drives and from several tasks, emergencies,
+//! allocator, with moves and halts under way, SDO transfers of all kinds on several drives and from several tasks, emergencies,
 //! and frames of messages lost now and then, while statistics are read. What the program itself allocates is not counted.
 #![allow(missing_docs, unsafe_code)]
 
@@ -288,6 +288,19 @@ fn thousands_of_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_free_n
             done.as_mut().poll(&mut context),
             Poll::Ready(Ok(_))
         ));
+        // Those who ask go away before the answer, and two share one halt.
+        for _ in 0..3 {
+            let mut left = Box::pin(axis.enable());
+            assert!(left.as_mut().poll(&mut context).is_pending());
+        }
+        let mut halts = [Box::pin(axis.halt()), Box::pin(axis.halt())];
+        for halt in &mut halts {
+            assert!(halt.as_mut().poll(&mut context).is_pending());
+        }
+        let [left, halt] = halts;
+        drop(left);
+        bench.until(halt).unwrap();
+        bench.until(axis.resume()).unwrap();
         let cycles = net.statistics().cycles - start;
         let counted = counting::so_far();
         assert_eq!(counted, 0, "allocations and frees in {cycles} cycles");

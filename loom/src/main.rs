@@ -1,5 +1,5 @@
-//! Every order in which threads can run is tried on what the bus thread and the program share: waiters, the status of an axis, its
-//! outputs, the inputs of other devices. The files are those of the library; only `sync` is another.
+//! Every order in which threads can run is tried on what the bus thread and the program share: waiters, requests and stops, the status of
+//! an axis, its outputs, the inputs of other devices. The files are those of the library; only `sync` is another.
 
 #![allow(dead_code, unused_imports, reason = "the models use part of each file")]
 
@@ -11,8 +11,36 @@ mod wakes;
 /// What the shared files are made of.
 mod sync {
     pub(crate) use loom::hint::spin_loop;
-    pub(crate) use loom::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering, fence};
+    pub(crate) use loom::sync::atomic::{
+        AtomicBool, AtomicU8, AtomicU32, AtomicU64, AtomicUsize, Ordering, fence,
+    };
     pub(crate) use loom::sync::{Arc, Mutex, MutexGuard};
+
+    /// That of `std`, which loom does not have: its state is loom's.
+    pub(crate) struct OnceLock<T> {
+        is_set: AtomicBool,
+        value: std::sync::OnceLock<T>,
+    }
+
+    impl<T> OnceLock<T> {
+        pub(crate) fn new() -> Self {
+            Self {
+                is_set: AtomicBool::new(false),
+                value: std::sync::OnceLock::new(),
+            }
+        }
+
+        pub(crate) fn get(&self) -> Option<&T> {
+            let is_set = self.is_set.load(Ordering::Acquire);
+            is_set.then(|| self.value.get()).flatten()
+        }
+
+        pub(crate) fn set(&self, value: T) -> Result<(), T> {
+            self.value.set(value)?;
+            self.is_set.store(true, Ordering::Release);
+            Ok(())
+        }
+    }
 }
 
 mod coe {
@@ -20,7 +48,7 @@ mod coe {
 }
 
 mod ds402 {
-    pub(crate) use servocrab::ds402::{Controlword, Mode, Statusword};
+    pub(crate) use servocrab::ds402::{Controlword, Mode, State, Statusword};
 }
 
 mod pdo_map {

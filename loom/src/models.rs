@@ -12,19 +12,19 @@ use std::{
 
 use loom::thread;
 use servocrab::{
-    axis::Snapshot,
+    axis::{Completion, Failure, Snapshot},
     ds402::{Controlword, Mode, Statusword},
 };
 
 use crate::{
-    axis::{Outputs, Status},
+    axis::{OneRequest, Outputs, Status},
     bus::Inputs,
     sync::{Arc, AtomicU64, Ordering},
     wakes::Shared,
 };
 
 /// All of them, by what they show.
-pub(crate) const ALL: [(&str, fn()); 6] = [
+pub(crate) const ALL: [(&str, fn()); 10] = [
     ("waiters: no ring is lost", no_ring_is_lost),
     ("waiters: nor where two wait", two_futures_are_both_woken),
     ("waiters: nor at the end", the_end_loses_no_ring),
@@ -34,6 +34,13 @@ pub(crate) const ALL: [(&str, fn()); 6] = [
         the_output_set_last_is_sent,
     ),
     ("input cell: no mixture", no_inputs_are_a_mixture),
+    ("stop: none is lost", a_halt_is_asked_for_while_one_ends),
+    (
+        "stop: nor by a failure",
+        a_halt_is_asked_for_while_one_fails,
+    ),
+    ("stop: who waits is told", one_leaves_while_a_halt_fails),
+    ("request: given up or taken", a_request_is_given_up_or_taken),
 ];
 
 struct Woken(StdAtomicU32);
@@ -188,4 +195,60 @@ fn no_inputs_are_a_mixture() {
     let (cycle, bytes) = inputs.read();
     assert_eq!(bytes, [cycle as u8; 8]);
     bus.join().unwrap();
+}
+
+/// Another handle halts the axis while the first halt ends with this.
+fn halt_again(first: Result<Completion, Failure>) {
+    let halt = Arc::new(OneRequest::halt());
+    let program = {
+        let halt = Arc::clone(&halt);
+        thread::spawn(move || halt.join())
+    };
+    let carried_out = halt.carry_out(first);
+    let (joined, asked) = program.join().unwrap();
+    assert!(halt.result().is_some(), "it has ended");
+    assert!(
+        !joined || carried_out == asked,
+        "who shares the halt has asked for it in vain"
+    );
+}
+
+fn a_halt_is_asked_for_while_one_ends() {
+    halt_again(Ok(Completion::Done));
+}
+
+fn a_halt_is_asked_for_while_one_fails() {
+    halt_again(Err(Failure::HaltIgnored));
+}
+
+/// A halt that nobody waits for goes on to the quick stop when it fails: here one waits to the end.
+fn one_leaves_while_a_halt_fails() {
+    let halt = Arc::new(OneRequest::halt());
+    let program = {
+        let halt = Arc::clone(&halt);
+        thread::spawn(move || {
+            if halt.join().0 {
+                halt.leave();
+            }
+        })
+    };
+    halt.carry_out(Err(Failure::HaltIgnored));
+    assert!(halt.is_waited_for(), "one still waits");
+    assert_eq!(halt.result(), Some(Err(Failure::HaltIgnored)));
+    program.join().unwrap();
+}
+
+/// The parameters of a request that is over are another one's.
+fn a_request_is_given_up_or_taken() {
+    let request = Arc::new(OneRequest::question());
+    let program = {
+        let request = Arc::clone(&request);
+        thread::spawn(move || request.give_up())
+    };
+    let taken = request.take();
+    let withdrawn = request.is_withdrawn();
+    let is_over = program.join().unwrap();
+    assert_eq!(is_over, !taken, "it is given up, or the core has it");
+    // The next cycle looks again.
+    assert_eq!(withdrawn | request.is_withdrawn(), taken);
 }

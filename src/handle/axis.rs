@@ -3,16 +3,13 @@
 use core::{
     fmt,
     marker::PhantomData,
-    sync::atomic::{AtomicBool, AtomicU32, Ordering},
+    sync::atomic::{AtomicBool, Ordering},
     time::Duration,
 };
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::{
-    axis::{
-        Command, CommandId, CommandedMode, Completion, DriveSettings, Failure, Snapshot,
-        StopRequest,
-    },
+    axis::{Command, CommandedMode, Completion, DriveSettings, Failure, Snapshot, StopRequest},
     coe::{
         AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError, Transfer, obj,
     },
@@ -22,10 +19,8 @@ use crate::{
 };
 
 use super::{
-    AxisError, AxisErrorKind, AxisIdentity, ParameterAccess, ProfilePosition,
-    error::HandleUnit,
-    parameters::Claims,
-    queue::{LastStop, Pending, Shared},
+    AxisError, AxisErrorKind, AxisIdentity, ParameterAccess, ProfilePosition, error::HandleUnit,
+    parameters::Claims, pending::Pending, request::AxisRequest, shared::Shared, stops::LastStop,
 };
 
 /// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
@@ -272,7 +267,7 @@ impl<U: AxisUnit> Axis<U> {
     /// (606Dh to 6070h). A drive that was brought up anew shows what it holds since.
     #[must_use]
     pub fn drive_settings(&self) -> DriveSettings {
-        self.handles.shared.drive_settings()
+        self.handles.shared.notes.settings()
     }
 
     /// The next snapshot in which anything but the cycle's number and age differs; `None` once the network has ended. The last one before
@@ -363,7 +358,9 @@ impl<U: AxisUnit> Axis<U> {
 
     /// Sets bits 11 to 15 of the controlword, which are the manufacturer's; other bits are ignored.
     pub fn set_manufacturer_bits(&self, bits: Controlword) {
-        self.handles.shared.set_manufacturer(bits);
+        let shared = &self.handles.shared;
+        shared.manufacturer.store(bits.bits(), Ordering::Release);
+        shared.ask();
     }
 
     /// Lets the axis finish its move when the last handle is dropped, for the reason given.
@@ -379,16 +376,16 @@ impl<U: AxisUnit> Axis<U> {
     }
 
     fn submit(&self, command: Command) -> Result<Pending, AxisError> {
-        Pending::submit(Arc::clone(&self.handles), self.unit, command)
+        self.submit_asked(command, self.handles.shared.stops.last())
     }
 
-    /// Submits what starts a motion and was asked for when this was the last stop.
-    pub(super) fn submit_motion(
+    /// Submits what was asked for when this was the last stop.
+    pub(super) fn submit_asked(
         &self,
         command: Command,
         asked: LastStop,
     ) -> Result<Pending, AxisError> {
-        Pending::submit_motion(Arc::clone(&self.handles), self.unit, command, asked)
+        Pending::submit(Arc::clone(&self.handles), self.unit, command, asked)
     }
 
     /// The error for a number that cannot be converted.
@@ -430,8 +427,8 @@ pub(super) struct Handles {
     /// when all handles are gone, and concerns handles of others: it is the axis'.
     pub claims: Arc<Claims>,
     keep_moving: AtomicBool,
-    /// The last motion whose future was dropped before it was accepted; 0 for none.
-    given_up: AtomicU32,
+    /// The last motion whose future was dropped before it was accepted.
+    given_up: Mutex<Option<Arc<AxisRequest>>>,
 }
 
 /// By the axis alone, as all that is shared.
@@ -447,7 +444,7 @@ impl Handles {
             shared,
             claims,
             keep_moving: AtomicBool::new(false),
-            given_up: AtomicU32::new(0),
+            given_up: Mutex::default(),
         }
     }
 
@@ -459,9 +456,11 @@ impl Handles {
     }
 
     /// Gives a motion up, so far as it was not sent. `ends`: a homing that was sent is stopped.
-    pub fn withdraw(&self, id: CommandId, ends: bool) {
-        self.given_up.store(id.0, Ordering::Release);
-        self.shared.withdraw(id, ends);
+    pub fn give_up(&self, request: &Arc<AxisRequest>, ends: bool) {
+        let mut last = self.given_up.lock().unwrap_or_else(PoisonError::into_inner);
+        *last = Some(Arc::clone(request));
+        request.give_up(ends);
+        self.shared.ask();
     }
 
     /// This much later by the network's time: [`AxisErrorKind::Late`], by which nothing is stopped.
@@ -522,7 +521,7 @@ impl Handles {
     /// those of what has come after it.
     pub async fn check_not_stopped(&self, asked: LastStop) -> Result<(), AxisError> {
         let shared = &self.shared;
-        match shared.stopped_since(asked, shared.snapshot().state) {
+        match shared.stops.since(asked, shared.snapshot().state) {
             Some(failure) => Err(self.fail(failure).await),
             None => Ok(()),
         }
@@ -570,9 +569,10 @@ impl Drop for Handles {
         let status = self.shared.snapshot();
         // An axis without a set-point has nothing to stop, whatever 606Ch shows: at rest that is seldom 0. A stop that comes a cycle
         // later would end what the next handle has begun.
-        let given_up = CommandId(self.given_up.load(Ordering::Acquire));
+        let given_up = self.given_up.get_mut();
+        let given_up = given_up.unwrap_or_else(PoisonError::into_inner);
         // The frame with its bit 4 may be under way, and then no snapshot shows it yet.
-        let may_be_sent = given_up.0 != 0 && !self.shared.is_done(given_up);
+        let may_be_sent = given_up.as_ref().is_some_and(|request| !request.is_done());
         let may_move = status.has_set_point || may_be_sent;
         if may_move && !self.keep_moving.load(Ordering::Acquire) {
             self.shared.request_stop(StopRequest::STOP);
@@ -593,8 +593,6 @@ impl Lease {
         if !shared.take_lease() {
             return Err(shared.error(AxisErrorKind::ModeInUse));
         }
-        // Those of earlier leases: the axis is this one's.
-        shared.release_jogs();
         shared.trace("mode leased");
         Ok(Self {
             shared: Arc::clone(shared),
@@ -616,7 +614,7 @@ impl<U: AxisUnit> Axis<U> {
     /// Selects a mode; ready when the drive shows it. Whoever asks for it is about to move the axis: a stop that comes meanwhile ends
     /// it.
     pub(super) async fn select(&self, mode: Mode) -> Result<(), AxisError> {
-        let asked = self.handles.shared.last_stop();
+        let asked = self.handles.shared.stops.last();
         self.change_mode(mode).await?;
         self.handles.check_not_stopped(asked).await
     }
@@ -624,9 +622,14 @@ impl<U: AxisUnit> Axis<U> {
     async fn change_mode(&self, mode: Mode) -> Result<(), AxisError> {
         let handles = &self.handles;
         let fields = &handles.shared.setup.fields;
-        if handles.shared.is_home_offset_in_doubt() {
+        if handles
+            .shared
+            .notes
+            .home_offset_in_doubt
+            .load(Ordering::Acquire)
+        {
             // Limits are counted from it.
-            let start = handles.shared.starts();
+            let start = handles.shared.notes.starts();
             let offset = self.read_if_there(obj::HOME_OFFSET).await?;
             handles.shared.note_home_offset(start, offset.unwrap_or(0));
         }
@@ -719,15 +722,15 @@ impl<U: AxisUnit> Axis<U> {
         let setup = &shared.setup;
         // Several objects, one after the other: a homing, a recovery or another task may come in between.
         loop {
-            let before = shared.limits_changed();
+            let before = shared.notes.limits_changed();
             let read = Limits::read(&*setup.parameters, setup.offset).await;
             let limits = read.map_err(|error| shared.error(AxisErrorKind::Sdo(Arc::new(error))))?;
-            if before != shared.limits_changed() {
+            if before != shared.notes.limits_changed() {
                 continue;
             }
             self.run(Command::SetLimits(limits)).await?;
-            if before == shared.limits_changed() {
-                shared.note_limits_changed();
+            if before == shared.notes.limits_changed() {
+                shared.notes.note_limits_changed();
                 return Ok(limits);
             }
         }

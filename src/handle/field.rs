@@ -9,7 +9,7 @@ use crate::{
     units::AxisUnit,
 };
 
-use super::{Axis, AxisError, AxisErrorKind, queue::Shared};
+use super::{Axis, AxisError, AxisErrorKind, shared::Shared};
 
 /// A mapped object that the drive sends.
 pub struct Field<T> {
@@ -65,7 +65,8 @@ impl<U: AxisUnit> Axis<U> {
         };
         Ok(OutputField {
             cell: shared
-                .output_cell(address)
+                .outputs
+                .place_of(address)
                 .ok_or_else(|| error(not_mapped()))?,
             shared: Arc::clone(shared),
             kind: PhantomData,
@@ -107,7 +108,7 @@ impl<T: Number> OutputField<T> {
     /// The value that was set last, by whichever field of this object of this axis; none before the first.
     #[must_use]
     pub fn get(&self) -> Option<T> {
-        self.shared.written_output(self.cell).map(T::from_raw)
+        self.shared.outputs.get(self.cell).map(T::from_raw)
     }
 }
 

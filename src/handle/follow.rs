@@ -17,7 +17,7 @@ use crate::{
 
 use super::{
     AxisError, AxisErrorKind, BoxFuture, Move, MoveRequest, Outcome, ProfilePosition,
-    queue::LastStop,
+    stops::LastStop,
 };
 
 /// One move of a path, and how it ended.
@@ -193,7 +193,7 @@ impl<U: AxisUnit, S: Stream<Item = MoveRequest<U>>> Follow<'_, S, U> {
                     self.count += 1;
                     let shared = &self.lease.axis.handles.shared;
                     // A path outlives no stop, also where the axis was enabled or resumed before it is looked at again.
-                    let asked = *self.asked.get_or_insert_with(|| shared.last_stop());
+                    let asked = *self.asked.get_or_insert_with(|| shared.stops.last());
                     let sending: BoxFuture<'static, Result<Move<U>, AxisError>> =
                         if Arc::ptr_eq(shared, &request.axis.handles.shared) {
                             Box::pin(request.send_asked(asked))

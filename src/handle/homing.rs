@@ -4,6 +4,7 @@ use core::{
     fmt,
     future::Future,
     pin::Pin,
+    sync::atomic::Ordering,
     task::{Context, Poll},
     time::Duration,
 };
@@ -16,7 +17,7 @@ use crate::{
     units::{AxisUnit, Counts},
 };
 
-use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, queue::Pending};
+use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pending::Pending};
 
 /// The lease of an axis in homing mode, from [`Axis::homing`].
 ///
@@ -184,7 +185,7 @@ impl<U: AxisUnit> Homing<U> {
     ) -> Result<Pending, AxisError> {
         let handles = &self.axis.handles;
         // A stop that comes while parameters are being written stops this homing as well.
-        let asked = handles.shared.last_stop();
+        let asked = handles.shared.stops.last();
         let claim = handles.claim_now()?;
         // What is refused must not have changed the drive's parameters, least of all those of a homing under way.
         self.axis.run(Command::CheckHome).await?;
@@ -200,7 +201,7 @@ impl<U: AxisUnit> Homing<U> {
             offset,
             until,
         };
-        let pending = self.axis.submit_motion(Command::Home(command), asked)?;
+        let pending = self.axis.submit_asked(Command::Home(command), asked)?;
         claim.sent(&pending);
         Ok(pending)
     }
@@ -277,8 +278,9 @@ impl<U: AxisUnit> Homing<U> {
         if let Some(offset) = parameters.offset {
             let shared = &self.axis.handles.shared;
             // Until its answer: it may be given up in between, and the drive take it all the same.
-            let start = shared.starts();
-            shared.doubt_home_offset();
+            let start = shared.notes.starts();
+            let in_doubt = &shared.notes.home_offset_in_doubt;
+            in_doubt.store(true, Ordering::Release);
             self.put(obj::HOME_OFFSET, offset).await?;
             shared.note_home_offset(start, offset);
         }
@@ -293,7 +295,7 @@ impl<U: AxisUnit> Homing<U> {
     ) -> Result<(), AxisError> {
         let handles = &self.axis.handles;
         let shared = &handles.shared;
-        match shared.output_cell(handles.of_axis(object.address())) {
+        match shared.outputs.place_of(handles.of_axis(object.address())) {
             Some(cell) => {
                 shared.write_output(cell, value.to_raw());
                 Ok(())

@@ -1,25 +1,35 @@
 //! What a program holds of an axis: its handle, leases of its modes, moves, paths, stops and the program's liveness.
 //!
-//! Handles put commands into a bounded queue and stops beside it. The owner of the cycle takes them to the axis core and brings its
-//! reports and snapshots back (`queue`, with both its ends). It takes no lock and allocates nothing. Each handle is a thin layer over
-//! that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `start_together`.
+//! A handle makes a request for each command (`request`) and holds it as a `pending` one. The request goes out in one queue and comes
+//! back in another (`queue`). Stops go beside it (`stops`). The owner of the cycle takes requests to the axis core, and brings reports
+//! and snapshots back (`port`). It takes no lock, allocates nothing and frees nothing. What it meets of the handles is in `shared`.
+//!
+//! The handles are thin layers over that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `start_together`.
 //!
 //! This room imports the pure ones and `wakes`; of those that need `std`, only `bus` imports it. The modules of the public interface
 //! re-export from here what belongs to them.
 
 mod axis;
+mod drive_notes;
 mod error;
 mod field;
 mod follow;
 mod homing;
 mod output_cells;
 mod parameters;
+mod pending;
+mod port;
 mod profile_position;
 mod profile_velocity;
 mod queue;
+mod request;
 mod setup;
+mod shared;
+mod signals;
 mod start_together;
+mod statistics;
 mod status;
+mod stop_handle;
 mod stops;
 
 // The owner of the cycle logs what an axis does; handles log who asked for it, at DEBUG.
@@ -33,10 +43,10 @@ pub use error::{AxisError, AxisErrorKind, AxisIdentity};
 pub use field::{Field, OutputField};
 pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
 pub use homing::{Home, Homed, Homing};
+pub use port::AxisPort;
 pub use profile_position::{Done, Move, MoveRequest, Outcome, ProfilePosition};
 pub use profile_velocity::{Jog, ProfileVelocity};
-pub use queue::{AxisPort, AxisStatistics, MotionEnd};
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
 pub use start_together::{AxisSet, GroupQueue, Groups, StartTogether, start_together};
-pub use stops::StopHandle;
-pub use stops::{Liveness, LivenessWatch};
+pub use statistics::{AxisStatistics, MotionEnd};
+pub use stop_handle::{Liveness, LivenessWatch, StopHandle};

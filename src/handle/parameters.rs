@@ -14,11 +14,7 @@ use crate::{
     profile_position::Parameters,
 };
 
-use super::{
-    AxisError, AxisErrorKind,
-    axis::Handles,
-    queue::{Pending, Ticket},
-};
+use super::{AxisError, AxisErrorKind, axis::Handles, pending::Pending, request::AxisRequest};
 
 /// So long a move waits for one that writes its parameters, and gets no further.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -48,7 +44,7 @@ struct Holder {
     /// Whether it changes them: then no other may get ready beside it.
     writes: bool,
     /// None while its future gets it ready. Then it is with the bus thread, until the drive has taken it.
-    sent: Option<Arc<Ticket>>,
+    sent: Option<Arc<AxisRequest>>,
 }
 
 impl PartialEq for Holder {
@@ -92,7 +88,7 @@ impl Handles {
     /// What is known of the drive's parameters.
     fn claims_now(&self) -> MutexGuard<'_, State> {
         let mut state = self.claims.state();
-        state.begin(self.shared.starts());
+        state.begin(self.shared.notes.starts());
         state
     }
 
@@ -158,17 +154,22 @@ impl Handles {
     /// Ready when the motion that was sent has been taken; never where none was.
     async fn until_taken(&self, holder: &Holder) {
         match &holder.sent {
-            Some(ticket) => {
-                let is_over = || self.shared.is_over(ticket).then_some(());
-                self.shared.until(ticket.id, is_over).await;
+            Some(request) => {
+                let is_over = || self.is_over(request).then_some(());
+                self.shared.until(request, is_over).await;
             }
             None => core::future::pending().await,
         }
     }
 
+    /// Whether nobody's parameters matter to this motion any more.
+    fn is_over(&self, request: &AxisRequest) -> bool {
+        request.is_over() || self.shared.is_closed()
+    }
+
     /// A claim, or the first of those that are in its way.
     fn take(&self, state: &mut State, writes: bool) -> Result<Claim<'_>, Holder> {
-        let is_over = |sent: &Arc<Ticket>| self.shared.is_over(sent);
+        let is_over = |sent: &Arc<AxisRequest>| self.is_over(sent);
         state
             .holders
             .retain(|holder| !holder.sent.as_ref().is_some_and(is_over));
@@ -194,7 +195,7 @@ impl Handles {
 
     /// Nothing more is written for a motion that was asked for before the drive was brought up again: it is not sent either.
     fn is_of(&self, start: u64) -> Result<(), AxisError> {
-        if start == self.shared.starts() {
+        if start == self.shared.notes.starts() {
             return Ok(());
         }
         let delivery = Delivery::NotSent;
@@ -215,7 +216,7 @@ impl Claim<'_> {
         self.give_back(&mut state);
         let mut holders = state.holders.iter_mut();
         if let Some(holder) = holders.find(|holder| holder.number == self.number) {
-            holder.sent = Some(pending.ticket());
+            holder.sent = Some(Arc::clone(&pending.request));
         }
     }
 

@@ -20,7 +20,8 @@ use super::{
     axis::{Handles, Lease},
     error::HandleUnit,
     parameters::{BySdo, Claim},
-    queue::{LastStop, Pending},
+    pending::Pending,
+    stops::LastStop,
 };
 
 /// The lease of an axis in Profile Position mode, from [`Axis::profile_position`].
@@ -152,7 +153,7 @@ pub struct MoveRequest<U: AxisUnit = Counts> {
 impl<U: AxisUnit> MoveRequest<U> {
     pub(super) async fn send(self) -> Result<Move<U>, AxisError> {
         // A stop that comes while parameters are being written stops this move as well.
-        let asked = self.axis.handles.shared.last_stop();
+        let asked = self.axis.handles.shared.stops.last();
         self.send_asked(asked).await
     }
 
@@ -204,13 +205,13 @@ pub(super) struct SplitMove {
 
 impl CountsRequest {
     pub fn last_stop(&self) -> LastStop {
-        self.handles.shared.last_stop()
+        self.handles.shared.stops.last()
     }
 
     pub fn submit(&self, command: MoveCommand, asked: LastStop) -> Result<Pending, AxisError> {
         self.check_lease()?;
         let handles = Arc::clone(&self.handles);
-        Pending::submit_motion(handles, self.unit, Command::Move(command), asked)
+        Pending::submit(handles, self.unit, Command::Move(command), asked)
     }
 
     /// A move is of one lease. Once that is given back the axis may be another's, or in another mode.
@@ -308,7 +309,8 @@ impl CountsRequest {
     /// Asks whether this move would be refused.
     pub fn submit_check(&self, asked: MoveCommand) -> Result<Pending, AxisError> {
         let check = Command::CheckMove(asked);
-        Pending::submit(Arc::clone(&self.handles), self.unit, check)
+        let handles = Arc::clone(&self.handles);
+        Pending::submit(handles, self.unit, check, self.last_stop())
     }
 
     fn trace(&self, what: &str, why: &dyn fmt::Display) {

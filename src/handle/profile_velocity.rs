@@ -10,7 +10,7 @@ use crate::{
     units::{AxisUnit, Counts, ScaleError},
 };
 
-use super::{Axis, AxisError, AxisErrorKind, axis::Lease, parameters::BySdo, queue::Pending};
+use super::{Axis, AxisError, AxisErrorKind, axis::Lease, parameters::BySdo, pending::Pending};
 
 /// The lease of an axis in Profile Velocity mode, from [`Axis::profile_velocity`].
 ///
@@ -62,7 +62,7 @@ impl<U: AxisUnit> Axis<U> {
         let shared = &self.handles.shared;
         let mode = Mode::ProfileVelocity;
         // First: to map 60FFh would not help.
-        let supported = shared.drive_settings().supported_modes;
+        let supported = shared.notes.settings().supported_modes;
         if supported.is_some_and(|modes| !modes.allows(mode)) {
             let failure = Failure::Unsupported(Unsupported::Mode(mode));
             return Err(shared.error(AxisErrorKind::Failed(failure)));
@@ -105,7 +105,7 @@ impl<U: AxisUnit> ProfileVelocity<U> {
             return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
         }
         // A stop that comes while ramps are being written stops this jog as well.
-        let asked = handles.shared.last_stop();
+        let asked = handles.shared.stops.last();
         let mut ramps = Parameters {
             acceleration: set_point.acceleration,
             deceleration: set_point.deceleration,
@@ -132,8 +132,7 @@ impl<U: AxisUnit> ProfileVelocity<U> {
         by_sdo.write(&mut claim).await?;
         // From here on whatever drops it lets it go.
         let mut jog = Jog {
-            lease: handles.shared.lease(),
-            pending: self.axis.submit_motion(Command::Jog(set_point), asked)?,
+            pending: self.axis.submit_asked(Command::Jog(set_point), asked)?,
             unit: PhantomData,
         };
         claim.sent(&jog.pending);
@@ -158,8 +157,6 @@ impl<U: AxisUnit> ProfileVelocity<U> {
 #[must_use = "dropping it stops the axis"]
 #[derive(Debug)]
 pub struct Jog<U: AxisUnit = Counts> {
-    /// The lease that it is of.
-    lease: u64,
     pending: Pending,
     unit: PhantomData<U>,
 }
@@ -233,7 +230,7 @@ impl<U: AxisUnit> Jog<U> {
             Some(Ok(_)) => Err(Failure::Withdrawn),
             None => {
                 let shared = &self.pending.handles.shared;
-                shared.hold_jog(self.pending.id, velocity)
+                shared.hold_jog(&self.pending.request, velocity)
             }
         };
         held.map_err(|failure| self.pending.error(AxisErrorKind::Failed(failure)))
@@ -241,7 +238,8 @@ impl<U: AxisUnit> Jog<U> {
 
     /// Whether the axis has been leased again since.
     fn is_of_earlier_lease(&self) -> bool {
-        self.pending.handles.shared.is_leased_again(self.lease)
+        let shared = &self.pending.handles.shared;
+        shared.is_leased_again(self.pending.request.lease)
     }
 
     /// Why the jog has ended, if something ended it. Nothing is waited for.
@@ -261,7 +259,7 @@ impl<U: AxisUnit> Jog<U> {
     /// rest in time, or the bus is lost.
     pub async fn release(self) -> Result<(), AxisError> {
         let Self { pending, .. } = &self;
-        pending.handles.shared.release_jog(pending.id);
+        pending.handles.shared.release_jog(&pending.request);
         pending.done().await?;
         pending.handles.shared.trace("jog released");
         Ok(())
@@ -270,6 +268,7 @@ impl<U: AxisUnit> Jog<U> {
 
 impl<U: AxisUnit> Drop for Jog<U> {
     fn drop(&mut self) {
-        self.pending.handles.shared.release_jog(self.pending.id);
+        let pending = &self.pending;
+        pending.handles.shared.release_jog(&pending.request);
     }
 }

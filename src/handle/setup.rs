@@ -1,17 +1,11 @@
 //! What handles of an axis must know, and the two ends that come of it: one for the program, one for the cycle's owner.
 
-use core::{
-    fmt,
-    future::Future,
-    pin::Pin,
-    sync::atomic::{AtomicU32, Ordering},
-};
+use core::{fmt, future::Future, pin::Pin};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use crate::{
-    axis::{AxisCore, AxisFields, DriveSettings, Snapshot, StopRequest},
+    axis::{AxisCore, AxisFields, Snapshot, StopRequest},
     coe::{AxisOffset, Number, Object, ObjectAddress, Readable, SdoError, Transfer},
-    ds402::{QuickStopOption, StopOptions, SupportedModes, VelocityWindows},
     pdo_map::Layout,
     units::{AxisScale, AxisUnit},
 };
@@ -21,7 +15,7 @@ use super::{
     axis::{Axis, Handles},
     field::Field,
     parameters::Claims,
-    queue::Shared,
+    shared::Shared,
 };
 
 /// A future that can be sent to another thread.
@@ -202,127 +196,5 @@ impl AxisSource {
     /// [`AxisErrorKind::WrongUnit`](super::AxisErrorKind::WrongUnit) where that is another.
     pub fn axis_in<U: AxisUnit>(&self) -> Result<Axis<U>, AxisError> {
         self.axis().declared_in()
-    }
-}
-
-// What the drive of an axis held when it was attached last, from the bus thread to the handles. Only atomics.
-
-/// Set in the word of an object that the drive has; its 16 bits are the lower ones.
-const IS_THERE: u32 = 1 << 16;
-
-/// Settings that the bus thread writes when a drive is attached, and handles read: neither waits for the other.
-#[derive(Debug)]
-pub(super) struct SettingsCell([AtomicU32; 11]);
-
-impl SettingsCell {
-    pub fn new(settings: DriveSettings) -> Self {
-        let cell = Self(Default::default());
-        cell.set(settings);
-        cell
-    }
-
-    pub fn set(&self, settings: DriveSettings) {
-        let DriveSettings {
-            quick_stop,
-            stop_options: stops,
-            velocity_windows: windows,
-            supported_modes: modes,
-        } = settings;
-        let codes = [
-            Some(quick_stop.0),
-            stops.shutdown,
-            stops.disable_operation,
-            stops.halt,
-            stops.fault_reaction,
-        ];
-        let windows = [
-            windows.window,
-            windows.window_ms,
-            windows.threshold,
-            windows.threshold_ms,
-        ];
-        let codes = codes.map(|code| code.map(i16::cast_unsigned));
-        // The lower and the upper half.
-        let modes = [0, 16].map(|shift| modes.map(|modes| (modes.bits() >> shift) as u16));
-        let values = codes.into_iter().chain(windows).chain(modes);
-        for (cell, value) in self.0.iter().zip(values) {
-            let word = value.map_or(0, |value| IS_THERE | u32::from(value));
-            cell.store(word, Ordering::Release);
-        }
-    }
-
-    pub fn get(&self) -> DriveSettings {
-        let values = self.0.each_ref().map(|cell| {
-            let word = cell.load(Ordering::Acquire);
-            // The lower half.
-            (word & IS_THERE != 0).then_some(word as u16)
-        });
-        let [
-            quick_stop,
-            shutdown,
-            disable_operation,
-            halt,
-            fault_reaction,
-            window,
-            window_ms,
-            threshold,
-            threshold_ms,
-            low_modes,
-            high_modes,
-        ] = values;
-        let code = |value: Option<u16>| value.map(u16::cast_signed);
-        DriveSettings {
-            quick_stop: QuickStopOption(code(quick_stop).unwrap_or_default()),
-            stop_options: StopOptions {
-                shutdown: code(shutdown),
-                disable_operation: code(disable_operation),
-                halt: code(halt),
-                fault_reaction: code(fault_reaction),
-            },
-            velocity_windows: VelocityWindows {
-                window,
-                window_ms,
-                threshold,
-                threshold_ms,
-            },
-            supported_modes: low_modes.zip(high_modes).map(|(low, high)| {
-                SupportedModes::from_bits_retain(u32::from(high) << 16 | u32::from(low))
-            }),
-        }
-    }
-}
-
-#[cfg(test)]
-mod settings_tests {
-    use super::*;
-
-    #[test]
-    fn each_setting_comes_out_as_it_went_in_whatever_the_drive_has() {
-        let all = DriveSettings {
-            quick_stop: QuickStopOption(-6),
-            stop_options: StopOptions {
-                shutdown: Some(1),
-                disable_operation: Some(-1),
-                halt: Some(0),
-                fault_reaction: Some(i16::MIN),
-            },
-            velocity_windows: VelocityWindows {
-                window: Some(1),
-                window_ms: Some(0),
-                threshold: Some(u16::MAX),
-                threshold_ms: Some(40_000),
-            },
-            supported_modes: Some(SupportedModes::from_bits_retain(0x8001_0025)),
-        };
-        let cell = SettingsCell::new(all);
-        assert_eq!(cell.get(), all);
-        let none = DriveSettings {
-            quick_stop: QuickStopOption(0),
-            stop_options: StopOptions::default(),
-            velocity_windows: VelocityWindows::default(),
-            supported_modes: None,
-        };
-        cell.set(none);
-        assert_eq!(cell.get(), none);
     }
 }

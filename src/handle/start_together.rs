@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crossbeam_queue::ArrayQueue;
 
 use crate::{
-    axis::{AxisCore, CommandId, Failure},
+    axis::{AxisCore, Failure},
     profile_position::MoveCommand,
     units::AxisUnit,
     wakes::{End, Wakes},
@@ -17,8 +17,12 @@ use crate::{
 
 use super::{
     AxisError, AxisErrorKind, Move, MoveRequest,
+    pending::Pending,
     profile_position::{CountsRequest, SplitMove},
-    queue::{LastStop, NetworkSignals, Pending, Shared},
+    request::AxisRequest,
+    shared::Shared,
+    signals::NetworkSignals,
+    stops::LastStop,
 };
 
 /// Groups that wait to start at once, of one network.
@@ -58,7 +62,7 @@ struct Group {
 #[derive(Debug)]
 struct GroupMember {
     axis: usize,
-    id: CommandId,
+    request: Arc<AxisRequest>,
     /// The lease that it is of.
     lease: u64,
     shared: Arc<Shared>,
@@ -150,22 +154,22 @@ impl Groups {
         if self.waiting.is_empty() {
             return;
         }
-        let queues = &self.queues;
-        self.waiting.retain(|group| {
-            let over = group.advance(now, axes);
-            if over {
-                // Where there is no room it is freed here.
-                let _ = queues.over.push(Arc::clone(group));
+        let mut place = 0;
+        while let Some(group) = self.waiting.get(place) {
+            if group.advance(now, axes) {
+                // Moved and not cloned, so that the program drops it last. Where there is no room it is freed here.
+                let _ = self.queues.over.push(self.waiting.remove(place));
+            } else {
+                place += 1;
             }
-            !over
-        });
+        }
     }
 }
 
 impl Group {
     /// Whether there is nothing more to do for it.
     fn advance(&self, now: Duration, axes: &mut impl AxisSet) -> bool {
-        let is_done = |member: &GroupMember| member.shared.is_done(member.id);
+        let is_done = |member: &GroupMember| member.request.is_done();
         // Its axis is nobody's, or another's, once its lease was given back.
         let is_over = |member: &GroupMember| {
             is_done(member) || member.shared.check_lease(member.lease).is_err()
@@ -177,14 +181,14 @@ impl Group {
         }
         let mut is_armed = |member: &GroupMember| {
             axes.axis(member.axis)
-                .is_some_and(|(core, _)| core.is_armed(member.id))
+                .is_some_and(|(core, _)| core.is_armed(member.request.id))
         };
         if !self.members.iter().all(&mut is_armed) {
             return false;
         }
         for member in &self.members {
             if let Some((core, outputs)) = axes.axis(member.axis) {
-                core.fire(now, member.id, outputs);
+                core.fire(now, member.request.id, outputs);
             }
         }
         self.fired.store(true, Ordering::Release);
@@ -194,10 +198,9 @@ impl Group {
     fn withdraw(&self, axes: &mut impl AxisSet) {
         for member in &self.members {
             if let Some((core, outputs)) = axes.axis(member.axis) {
-                core.withdraw(member.id, outputs);
-                while let Some((id, event)) = core.poll_event() {
-                    member.shared.report(id, event);
-                }
+                core.withdraw(member.request.id, outputs);
+                // Its port passes on what the core reports of that, in the next cycle.
+                member.shared.ask();
             }
         }
     }
@@ -438,7 +441,7 @@ fn submit(
         let shared = &request.handles.shared;
         members.push(GroupMember {
             axis: shared.setup.index,
-            id: submitted.id,
+            request: Arc::clone(&submitted.request),
             lease: request.lease,
             shared: Arc::clone(shared),
         });

@@ -1,165 +1,116 @@
-//! What stops an axis from anywhere.
+//! The stops of an axis. Any thread asks for one, and no request that was made before it moves the axis after it.
+//!
+//! Every stop has a generation, a number that only rises. A request keeps the generation of the last stop before it, and the bus thread
+//! refuses a motion whose generation is not the latest any more. So nothing depends on where the two stand in a queue.
 
-use core::{
-    sync::atomic::{AtomicU8, AtomicU64, Ordering},
-    time::Duration,
+use crate::{
+    axis::{Command, Delivery, Failure, StopRequest},
+    ds402::State,
+    sync::{
+        AtomicU8, AtomicU64,
+        Ordering::{AcqRel, Acquire, Release},
+    },
 };
-use std::sync::Arc;
 
-use crate::{axis::StopRequest, units::AxisUnit};
+/// What kind of stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum StopKind {
+    /// Stop, quick stop, release: the set-point is gone.
+    Stop,
+    Halt,
+    Disable,
+    /// The drive was lost, or was recovered after it had left OP.
+    Lost,
+    Fault,
+}
 
-use super::{Axis, queue::Shared};
+/// The lowest bits of a generation hold the kind of its stop.
+const KIND_BITS: u32 = 3;
 
-impl<U: AxisUnit> Axis<U> {
-    /// What stops this axis from anywhere: `Drop`, a signal, a panic hook.
-    ///
-    /// ```
-    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
-    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
-    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
-    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
-    /// # smol::block_on(async {
-    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
-    /// let stop = net.axis("x")?.stop_handle();
-    /// // From any thread, or a signal handler:
-    /// std::thread::spawn(move || stop.quick_stop());
-    /// # net.shutdown().await?;
-    /// # Ok(())
-    /// # })
-    /// # }
-    /// ```
-    #[must_use]
-    pub fn stop_handle(&self) -> StopHandle {
-        StopHandle {
-            shared: Arc::clone(&self.handles.shared),
+impl StopKind {
+    /// The kind of this command, if it stops.
+    pub const fn of(command: &Command) -> Option<Self> {
+        match command {
+            Command::Halt => Some(Self::Halt),
+            Command::Stop | Command::QuickStop | Command::Release => Some(Self::Stop),
+            Command::Disable => Some(Self::Disable),
+            _ => None,
+        }
+    }
+
+    /// The kind of what has stopped the axis without a command.
+    pub const fn of_fall(failure: Failure) -> Self {
+        match failure {
+            Failure::Fault { .. } => Self::Fault,
+            Failure::Disabled { .. } => Self::Disable,
+            Failure::BusLost { .. } | Failure::Undelivered { .. } => Self::Lost,
+            _ => Self::Stop,
         }
     }
 }
 
-/// Stops one axis: at once, from any thread, without waiting and without failing. What it asks for is in the next
-/// process-data frame, whatever else is queued, and it wins over everything that is asked for in the same cycle. It does
-/// not count as a handle of the axis.
-///
-/// Only atomics are touched: it may be called from a signal handler. It is no safety function.
-#[derive(Debug, Clone)]
-pub struct StopHandle {
-    shared: Arc<Shared>,
-}
+/// The generation of a stop. A later one is greater.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct LastStop(pub u64);
 
-impl StopHandle {
-    /// Pauses by bit 8, keeping the set-point. On a drive that ignores bit 8 it goes on to the quick stop as soon as that is known. Where
-    /// 605Dh is 0 it is a quick stop, and the set-point is gone.
-    pub fn halt(&self) {
-        self.shared.request_stop(StopRequest::HALT);
-    }
-
-    /// Halts, then abandons the set-point by quick stop.
-    pub fn stop(&self) {
-        self.shared.request_stop(StopRequest::STOP);
-    }
-
-    /// Quick stop (bit 2).
-    pub fn quick_stop(&self) {
-        self.shared.request_stop(StopRequest::QUICK_STOP);
-    }
-}
-
-// Whether the program is alive: it feeds a [`Liveness`], and the bus thread halts every axis when that stops.
-
-/// Fed by the program. When it is not fed for its time, or the last clone is dropped without [`end`](Self::end), it has expired.
-/// Then every axis halts. Until it is fed or ended none is enabled, resumed, or starts anything.
-///
-/// ```
-/// use core::time::Duration;
-/// use servocrab::axis::Liveness;
-/// let (live, mut watch) = Liveness::new(Duration::from_millis(200));
-/// assert!(!watch.expired(Duration::from_secs(1)), "the time counts from the first look");
-/// live.feed();
-/// assert!(!watch.expired(Duration::from_millis(1150)));
-/// assert!(watch.expired(Duration::from_millis(1351)));
-/// live.end();
-/// assert!(!watch.expired(Duration::from_millis(1600)), "nobody watches any more");
-/// ```
-#[must_use = "dropped without `end` it halts every axis"]
-#[derive(Debug, Clone)]
-pub struct Liveness {
-    held: Arc<Held>,
-}
-
-/// All clones.
 #[derive(Debug)]
-struct Held {
-    fed: Arc<Fed>,
+pub(super) struct Stops {
+    last: AtomicU64,
+    /// The bits of the [`StopRequest`]s that nobody waits for, until the bus thread takes them.
+    level: AtomicU8,
 }
 
-#[derive(Debug, Default)]
-struct Fed {
-    times: AtomicU64,
-    end: AtomicU8,
-}
-
-/// It was ended by the program.
-const ENDED: u8 = 1;
-/// The last clone was dropped.
-const DROPPED: u8 = 2;
-
-impl Liveness {
-    /// A pair: one end for the program, one for the owner of the cycle.
-    pub fn new(timeout: Duration) -> (Self, LivenessWatch) {
-        let fed = Arc::new(Fed::default());
-        let watch = LivenessWatch {
-            fed: Arc::clone(&fed),
-            timeout,
-            seen: None,
-        };
-        let held = Arc::new(Held { fed });
-        (Self { held }, watch)
-    }
-
-    /// Says that the program is alive.
-    pub fn feed(&self) {
-        self.held.fed.times.fetch_add(1, Ordering::Relaxed);
-    }
-
-    /// Nobody watches any more, whichever clones there are. Axes that have halted stay halted until they are resumed.
-    pub fn end(self) {
-        self.held.fed.end.store(ENDED, Ordering::Release);
-    }
-}
-
-impl Drop for Held {
-    fn drop(&mut self) {
-        let end = &self.fed.end;
-        let _ = end.compare_exchange(0, DROPPED, Ordering::AcqRel, Ordering::Acquire);
-    }
-}
-
-/// The end that is looked at once a cycle. What it says goes to [`AxisPort::obey`](super::AxisPort::obey) of every axis.
-#[derive(Debug)]
-pub struct LivenessWatch {
-    fed: Arc<Fed>,
-    timeout: Duration,
-    /// How often it was fed, and when that was first seen.
-    seen: Option<(u64, Duration)>,
-}
-
-impl LivenessWatch {
-    /// Whether the program has not fed it for longer than the timeout, or has dropped it: then every axis is to be halted.
-    /// It stays true until it is fed again, or ended; what was halted stays halted until it is resumed.
-    pub fn expired(&mut self, now: Duration) -> bool {
-        match self.fed.end.load(Ordering::Acquire) {
-            0 => {}
-            end => return end == DROPPED,
+impl Stops {
+    pub fn new() -> Self {
+        Self {
+            last: AtomicU64::new(0),
+            level: AtomicU8::new(0),
         }
-        let fed = self.fed.times.load(Ordering::Relaxed);
-        match self.seen {
-            Some((seen, since)) if seen == fed => now.saturating_sub(since) > self.timeout,
-            _ => {
-                self.seen = Some((fed, now));
-                false
-            }
+    }
+
+    /// Another stop of this kind, and its generation.
+    pub fn note(&self, kind: StopKind) -> LastStop {
+        let after = |last: u64| ((last >> KIND_BITS) + 1) << KIND_BITS | kind as u64;
+        let next = |last| Some(after(last));
+        let (Ok(before) | Err(before)) = self.last.fetch_update(AcqRel, Acquire, next);
+        LastStop(after(before))
+    }
+
+    pub fn last(&self) -> LastStop {
+        LastStop(self.last.load(Acquire))
+    }
+
+    /// Why a motion is not to start that was asked for when `asked` was the last stop. The axis is in this state.
+    pub fn since(&self, asked: LastStop, state: State) -> Option<Failure> {
+        let last = self.last();
+        if last == asked {
+            return None;
         }
+        let is = |kind: StopKind| last.0 & ((1 << KIND_BITS) - 1) == kind as u64;
+        let delivery = Delivery::NotSent;
+        Some(match () {
+            () if is(StopKind::Halt) => Failure::Halted { delivery },
+            () if is(StopKind::Disable) => Failure::Disabled { state },
+            () if is(StopKind::Lost) => Failure::BusLost { delivery },
+            () if is(StopKind::Fault) => Failure::Fault { code: None },
+            () => Failure::QuickStopped { delivery },
+        })
+    }
+
+    /// Asks for a stop that nobody waits for.
+    pub fn raise(&self, stop: StopRequest) {
+        let halts = stop == StopRequest::HALT;
+        self.note(if halts {
+            StopKind::Halt
+        } else {
+            StopKind::Stop
+        });
+        self.level.fetch_or(stop.bits(), Release);
+    }
+
+    /// What was asked for by [`raise`](Self::raise) since the last call.
+    pub fn take(&self) -> StopRequest {
+        StopRequest::from_bits_truncate(self.level.swap(0, AcqRel))
     }
 }
 
@@ -168,37 +119,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_program_that_stops_feeding_is_noticed_once_its_time_is_over_and_not_before() {
-        let (live, mut watch) = Liveness::new(Duration::from_millis(5));
-        let expired: Vec<bool> = (0..20)
-            .map(|ms| {
-                if ms < 4 || ms == 15 {
-                    live.feed();
-                }
-                watch.expired(Duration::from_millis(ms))
-            })
-            .collect();
-        let noticed: Vec<usize> = (0..20).filter(|ms| expired[*ms]).collect();
-        assert_eq!(
-            noticed,
-            [9, 10, 11, 12, 13, 14],
-            "last fed at 3 ms, and again at 15 ms"
-        );
-    }
-
-    #[test]
-    fn dropped_it_has_expired_and_ended_it_has_not() {
-        let timeout = Duration::from_millis(5);
-        let (live, mut watch) = Liveness::new(timeout);
-        let clone = live.clone();
-        drop(live);
-        assert!(!watch.expired(timeout));
-        drop(clone);
-        assert!(watch.expired(timeout) && watch.expired(Duration::MAX));
-        let (live, mut watch) = Liveness::new(timeout);
-        let clone = live.clone();
-        live.end();
-        drop(clone);
-        assert!(!watch.expired(timeout) && !watch.expired(Duration::MAX));
+    fn a_move_is_stopped_by_what_came_after_it_was_asked_for_and_by_nothing_before() {
+        let (stops, state) = (Stops::new(), State::OperationEnabled);
+        let before = stops.last();
+        assert_eq!(stops.since(before, state), None);
+        let delivery = Delivery::NotSent;
+        let kinds = [
+            (StopKind::Halt, Failure::HALTED),
+            (StopKind::Disable, Failure::Disabled { state }),
+            (StopKind::Stop, Failure::QUICK_STOPPED),
+            (StopKind::Stop, Failure::QUICK_STOPPED),
+            (StopKind::Lost, Failure::BusLost { delivery }),
+            (StopKind::Fault, Failure::Fault { code: None }),
+        ];
+        for (kind, failure) in kinds {
+            let asked = stops.last();
+            assert_eq!(stops.note(kind), stops.last());
+            assert!(asked < stops.last());
+            assert_eq!(stops.since(asked, state), Some(failure));
+            assert_eq!(stops.since(before, state), Some(failure));
+            assert_eq!(stops.since(stops.last(), state), None);
+        }
     }
 }

@@ -24,7 +24,7 @@ pub(crate) struct Args {
 }
 
 /// Files in `src/`.
-const MOST_FILES: usize = 140;
+const MOST_FILES: usize = 148;
 /// Items in `src/` that are `pub(crate)`, `pub(super)` or `pub(in …)`.
 const MOST_RESTRICTED: usize = 600;
 /// Types in `src/` of the same name.

@@ -1,16 +1,24 @@
 //! What an axis shares.
 
-pub(crate) use servocrab::axis::Snapshot;
+pub(crate) use servocrab::axis::{
+    Command, CommandId, Completion, Delivery, Failure, Snapshot, StopRequest,
+};
 
 #[path = "../../../src/handle/output_cells.rs"]
 mod output_cells;
+#[path = "../../../src/handle/request.rs"]
+mod request;
 #[path = "../../../src/handle/status.rs"]
 mod status;
+#[path = "../../../src/handle/stops.rs"]
+mod stops;
 
 use servocrab::{coe::obj, drives, pdo_map::Direction};
 
 use output_cells::OutputCells;
+use request::AxisRequest;
 use status::{StatusCell, pack};
+use stops::{LastStop, StopKind, Stops};
 
 /// The status of an axis with eight input bytes.
 pub(crate) struct Status(StatusCell);
@@ -67,5 +75,74 @@ impl Outputs {
         self.cells.merge(frame);
         let bytes = frame[self.byte..self.byte + 4].try_into().unwrap();
         u32::from_le_bytes(bytes)
+    }
+}
+
+/// A halt that was asked for once, or a question to the axis core.
+pub(crate) struct OneRequest {
+    request: AxisRequest,
+    stops: Stops,
+}
+
+impl OneRequest {
+    pub(crate) fn halt() -> Self {
+        Self::of(Command::Halt)
+    }
+
+    pub(crate) fn question() -> Self {
+        Self::of(Command::CheckHome)
+    }
+
+    fn of(command: Command) -> Self {
+        let stops = Stops::new();
+        let asked = stops.note(StopKind::Halt);
+        Self {
+            request: AxisRequest::new(CommandId(1), command, 0, asked),
+            stops,
+        }
+    }
+
+    /// Another handle halts the axis: whether it shares the halt, and which it is.
+    pub(crate) fn join(&self) -> (bool, u64) {
+        let stop = self.stops.note(StopKind::Halt);
+        (self.request.join(stop), stop.0)
+    }
+
+    pub(crate) fn leave(&self) {
+        self.request.leave();
+    }
+
+    /// Gives it up, and says whether the drive will not take it any more.
+    pub(crate) fn give_up(&self) -> bool {
+        self.request.give_up(false);
+        self.request.is_over()
+    }
+
+    pub(crate) fn take(&self) -> bool {
+        self.request.take()
+    }
+
+    pub(crate) fn is_withdrawn(&self) -> bool {
+        self.request.take_withdrawal().is_some()
+    }
+
+    /// Carries it out until it is over, on the bus thread, the first time with this result. Gives the last halt that was carried out.
+    pub(crate) fn carry_out(&self, first: Result<Completion, Failure>) -> u64 {
+        let mut result = first;
+        loop {
+            let LastStop(asked) = self.request.asked();
+            if self.request.end(LastStop(asked), result) {
+                return asked;
+            }
+            result = Ok(Completion::Done);
+        }
+    }
+
+    pub(crate) fn is_waited_for(&self) -> bool {
+        self.request.is_waited_for()
+    }
+
+    pub(crate) fn result(&self) -> Option<Result<Completion, Failure>> {
+        self.request.result()
     }
 }

@@ -784,7 +784,8 @@ mod standing {
     }
 
     #[test]
-    fn a_stop_that_does_not_bring_it_to_rest_goes_on_to_a_quick_stop_after_three_quarters_of_its_time() {
+    fn a_stop_that_does_not_bring_it_to_rest_goes_on_to_a_quick_stop_after_three_quarters_of_its_time()
+     {
         let (mut drive, _) = Played::moving(Played::config(), 1_000_000);
         drive.submit(Command::Stop);
         for cycle in 0..299 {
