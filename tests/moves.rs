@@ -5,8 +5,8 @@ mod common;
 
 use core::time::Duration;
 
-use common::Rig;
-use servocrab::axis::{Command, Completion, Delivery, Event, Failure, Referencing};
+use common::{Link, Rig};
+use servocrab::axis::{Command, Completion, Delivery, Event, Failure, Referencing, StopRequest};
 use servocrab::ds402::{QuickStopOption, State};
 use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Executed, FullBuffer, Outcome};
@@ -464,4 +464,95 @@ fn a_replacement_to_nearly_the_same_end_is_not_the_end_of_the_move_that_it_repla
             assert_eq!(rig.outcome(first), Some(Err(Failure::Superseded)));
         }
     }
+}
+
+/// On its ramp of a fault reaction, with this deceleration.
+fn in_a_fault_reaction(deceleration: u32) -> Rig {
+    let mut rig = Rig::ideal_enabled();
+    rig.drive.set(0x605E, 0, 1).expect("slow down");
+    let fast = SetPoint::new()
+        .velocity(1_000_000)
+        .acceleration(100_000_000)
+        .deceleration(deceleration);
+    let id = rig.abs(i32::MAX, fast);
+    rig.wait_accepted(id);
+    rig.run(50);
+    rig.drive.inject_fault(0x7305);
+    rig.run(20);
+    let state = rig.core.snapshot().state;
+    assert_eq!(state, State::FaultReactionActive);
+    rig
+}
+
+#[test]
+fn a_reset_during_a_fault_reaction_that_never_ends_is_given_up() {
+    let mut rig = in_a_fault_reaction(1);
+    let reset = rig.send(Command::ResetFault);
+    assert!(rig.finish(reset).is_err());
+}
+
+#[test]
+fn a_drive_that_is_lost_in_its_fault_reaction_is_not_left_to_coast() {
+    let mut rig = in_a_fault_reaction(1_000_000);
+    let from = rig.words.len();
+    for _ in 0..100 {
+        rig.cycle_over(Link::ReplyLost);
+    }
+    let quick_stop = |word: u16| word & 0x06 == 0x02;
+    assert!(rig.words[from..].iter().all(|word| word & 0x02 != 0));
+    assert!(rig.moves() && quick_stop(rig.word()), "{:04X}", rig.word());
+}
+
+#[test]
+fn a_resume_beside_a_stop_in_the_same_cycle_says_that_bit_8_did_not_fall() {
+    let not_sent = Delivery::NotSent;
+    let halted = Failure::Halted { delivery: not_sent };
+    let stopped = Failure::QuickStopped { delivery: not_sent };
+    for (lane, failure) in [
+        (StopRequest::HALT, halted),
+        (StopRequest::STOP, stopped),
+        (StopRequest::QUICK_STOP, stopped),
+    ] {
+        for moves in [true, false] {
+            let mut rig = Rig::ideal_enabled();
+            if moves {
+                let id = rig.abs(1_000_000, SetPoint::new());
+                rig.wait_accepted(id);
+                rig.run(100);
+            }
+            let halt = rig.send(Command::Halt);
+            assert!(rig.finish(halt).is_ok());
+            let resume = rig.send(Command::Resume);
+            assert_eq!(rig.outcome(resume), None, "nothing is sent yet");
+            rig.stop = lane;
+            rig.cycle();
+            let sent = rig.words.last().copied().unwrap_or_default();
+            let falls = sent & 0x0104 == 0x0004;
+            let expected = if falls {
+                Ok(Completion::Done)
+            } else {
+                Err(failure)
+            };
+            assert_eq!(rig.finish(resume), expected, "{lane:?}, {moves}");
+            // A stop of an axis that stands without a set-point is nothing that bit 8 would have to stay for.
+            assert_eq!(falls, lane == StopRequest::STOP && !moves);
+        }
+    }
+}
+
+#[test]
+fn a_resume_is_done_with_the_frame_that_was_sent_and_not_beside_a_halt() {
+    let mut rig = Rig::ideal_enabled();
+    let resume = rig.send(Command::Resume);
+    let another = rig.send(Command::Resume);
+    assert_eq!(rig.finish(another), Err(Failure::Busy));
+    rig.stop = StopRequest::HALT;
+    rig.cycle();
+    let halted = Failure::Halted {
+        delivery: Delivery::NotSent,
+    };
+    assert_eq!(rig.outcome(resume), Some(Err(halted)));
+    let resume = rig.send(Command::Resume);
+    rig.cycle_over(Link::ReplyLost);
+    assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
 }

@@ -1,106 +1,17 @@
-//! A drive axis after CiA 402 that does, cycle by cycle, anything that the standard permits. Written from the standard (CiA DSP
-//! 402 v2.0, and the words of v3 for bits 5 and 9); it shares nothing with the simulator or the library.
+//! A drive axis after CiA 402 that does, cycle by cycle, what docs/fault-model.md lets it do, and beyond that model whatever else its
+//! habits name. Written from the standard (CiA DSP 402 v2.0, and the words of v3 for bits 5 and 9); it shares nothing with the simulator
+//! or the library.
 //!
 //! It takes outputs in, moves a plant of its own, and shows inputs. What it really did is in its ledger.
 
 use crate::habits::{Habit, Habits, Hits};
 use crate::random::Random;
-
-/// What came with a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Outputs {
-    pub word: u16,
-    pub mode: i8,
-    pub target: i32,
-    pub velocity: u32,
-    pub acceleration: u32,
-    pub deceleration: u32,
-    pub target_velocity: i32,
-    pub end_velocity: u32,
-}
-
-pub const OUTPUT_BYTES: usize = 27;
-pub const INPUT_BYTES: usize = 13;
-
-impl Outputs {
-    pub fn read(bytes: &[u8; OUTPUT_BYTES]) -> Self {
-        let long = |at: usize| {
-            u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
-        };
-        Self {
-            word: u16::from_le_bytes([bytes[0], bytes[1]]),
-            mode: bytes[2].cast_signed(),
-            target: long(3).cast_signed(),
-            velocity: long(7),
-            acceleration: long(11),
-            deceleration: long(15),
-            target_velocity: long(19).cast_signed(),
-            end_velocity: long(23),
-        }
-    }
-
-    pub const fn bit(&self, bit: u16) -> bool {
-        self.word >> bit & 1 != 0
-    }
-
-    const fn is_disable_voltage(&self) -> bool {
-        self.word & 0x82 == 0
-    }
-
-    const fn is_quick_stop(&self) -> bool {
-        self.word & 0x86 == 0x02
-    }
-
-    const fn is_shutdown(&self) -> bool {
-        self.word & 0x87 == 0x06
-    }
-
-    const fn is_disable_operation(&self) -> bool {
-        self.word & 0x8F == 0x07
-    }
-
-    const fn is_enable_operation(&self) -> bool {
-        self.word & 0x8F == 0x0F
-    }
-}
-
-/// The states of the standard.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum State {
-    NotReady,
-    SwitchOnDisabled,
-    Ready,
-    SwitchedOn,
-    Enabled,
-    QuickStop,
-    FaultReaction,
-    Fault,
-}
-
-impl State {
-    /// Bits 0 to 3, 5 and 6.
-    const fn bits(self) -> u16 {
-        match self {
-            Self::NotReady => 0x00,
-            Self::SwitchOnDisabled => 0x40,
-            Self::Ready => 0x21,
-            Self::SwitchedOn => 0x23,
-            Self::Enabled => 0x27,
-            Self::QuickStop => 0x07,
-            Self::FaultReaction => 0x0F,
-            Self::Fault => 0x08,
-        }
-    }
-
-    /// Whether the power stage is on.
-    pub const fn is_powered(self) -> bool {
-        matches!(self, Self::Enabled | Self::QuickStop | Self::FaultReaction)
-    }
-}
+use crate::words::{ACKNOWLEDGE, HALT, LIMIT, NEW_SET_POINT, Outputs, REACHED, State};
 
 /// What bit 12 shows of the buffer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Ack {
+    #[default]
     /// It stays high while the buffer is full.
     Buffer,
     /// It follows bit 4, after an edge that was taken.
@@ -108,15 +19,16 @@ pub enum Ack {
 }
 
 /// What a distance counts from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Base {
+    #[default]
     PreviousTarget,
     Demand,
     Actual,
 }
 
-/// How one scenario's drive is made.
-#[derive(Debug, Clone)]
+/// How one scenario's drive is made. Positions are those of 6064h before any homing.
+#[derive(Debug, Clone, Default)]
 pub struct Making {
     pub ack: Ack,
     pub base: Base,
@@ -130,8 +42,10 @@ pub struct Making {
     pub bits_first: bool,
     /// Its bit 5 goes through the active target, and nothing replaces that (AX2000).
     pub passes_by_bit_5: bool,
-    /// Seconds of one of its cycles.
+    /// Seconds of one of its cycles; how many of them `Traits::drive_cycle` has, and `Deadlines::begin`.
     pub tick: f64,
+    pub drive_cycle: u32,
+    pub begin: u32,
     /// 6067h, counts; 6068h, ticks.
     pub window: f64,
     pub window_ticks: u32,
@@ -144,62 +58,67 @@ pub struct Making {
     /// 6064h and 606Ch are this restless.
     pub dither: i32,
     pub velocity_noise: i32,
-    /// One disturbance in so many ticks, on average.
-    pub cycles_between_incidents: u64,
+    /// By how many ticks the statusword, 6061h, 6064h and 606Ch are old.
+    pub ages: [u8; 4],
+    /// The range that it limits set-points to, and whether bit 11 shows that.
+    pub limits: (f64, f64),
+    pub shows_limit: bool,
+    /// Whether bit 10 rises where it stops between two set-points.
+    pub rises_between: bool,
+    /// Whether a set-point with no way to go is over in the tick in which it is taken.
+    pub at_once: bool,
+    /// One incident in so many ticks, on average.
+    pub incidents: u64,
 }
 
 /// How a set-point that was taken ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// The demand came to rest at its end.
+    /// At its end.
     Reached,
-    /// The next took over in motion.
+    /// At its end, in motion: the next took over, or it goes on at its end velocity.
     Passed,
+    /// At a limit of the drive.
+    Limited,
     /// Another took its place.
     Replaced,
     /// It was dropped.
     Dropped,
 }
 
-/// Ticks by which its outputs are late at most, however often that comes over it.
-const LATE: u32 = 3;
-
 /// A set-point that was taken.
 #[derive(Debug, Clone, Copy)]
 pub struct Latch {
-    /// 6081h: the move's name.
-    pub velocity: u32,
-    pub target: i32,
+    /// What was taken. 6081h is the move's name.
+    pub out: Outputs,
     pub relative: bool,
+    pub blend: bool,
+    /// Where it leads, and where the drive ends it in place of that.
     pub goal: f64,
-    /// When the demand set off for it.
-    pub began: Option<u64>,
-    pub end: Option<(u64, End)>,
-    /// From where it begins to its end.
+    pub limit: Option<f64>,
+    /// From where it begins to where it leads.
     pub way: f64,
-    /// From where the axis is when it is taken.
-    pub axis_way: f64,
-    /// Whether the drive passes its end with an end velocity.
-    pub passes: bool,
-    /// How near the demand came to its end.
+    /// Whether the core can know where it leads, to a window.
+    pub known: bool,
+    /// It began, or was taken, while the axis was on its way.
+    pub in_motion: bool,
+    /// When the drive set off for it, and when its demand came to its end or to the limit.
+    pub began: Option<u64>,
+    pub arrived: Option<u64>,
+    pub end: Option<(u64, End)>,
+    pub taken: u64,
+    /// When its turn came the axis rested where it leads: nothing need show that it is over.
+    pub still: bool,
+    /// How near the axis came to where it leads, from its beginning to that of the next.
     pub nearest: f64,
-    /// How near the axis came to it since it became the active one, as it shows itself.
-    pub axis_nearest: f64,
-    /// The same from its third tick on: before that nothing shows yet that it is the active one, and that the axis is near may be of
-    /// the one before.
-    pub axis_came: f64,
-    /// Its move was `Reached`, or `Passed`, while the axis stood within the window of its end, with bit 10: that it may begin yet
-    /// shows in nothing. Or it was to be dropped, by a drive that does not, and that showed another state meanwhile.
-    pub over: bool,
-    /// Of a distance that was taken while the axis was not where its demand was: how far apart that is what it may count from, within
-    /// the window. Which of it the drive takes shows only when the axis goes.
-    pub vague: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct SetPoint {
     index: usize,
-    goal: f64,
+    /// Where its demand goes.
+    to: f64,
+    limited: bool,
     velocity: f64,
     acceleration: f64,
     deceleration: f64,
@@ -208,6 +127,45 @@ struct SetPoint {
     blend: bool,
 }
 
+/// Where the active one is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// It sets off in so many ticks; until then bit 10 is high, or low.
+    Waits {
+        ticks: u32,
+        reached: bool,
+    },
+    Runs,
+    /// The demand rests at its end, until the axis is seen there for so many ticks.
+    Stands {
+        ticks: u32,
+        reached: bool,
+    },
+}
+
+/// What it shows in one tick.
+#[derive(Debug, Clone, Copy, Default)]
+struct Shown {
+    word: u16,
+    mode: i8,
+    position: f64,
+    counts: i32,
+    velocity: i32,
+    error: u16,
+}
+
+/// Ticks of the past that it can still show.
+const PAST: usize = 8;
+
+/// A wrong bit of a right word.
+#[derive(Debug, Clone, Copy)]
+struct WrongBit {
+    bit: u16,
+    high: bool,
+    ticks: u32,
+}
+
+#[derive(Default)]
 pub struct Drive {
     pub making: Making,
     pub habits: Habits,
@@ -220,131 +178,94 @@ pub struct Drive {
     cause_until: u64,
     fault_since: u64,
     reaction_until: u64,
+    /// Whether somebody has seen it out of Operation enabled since it left that.
+    out_seen: bool,
     pub mode: i8,
     mode_wait: u32,
-    out: Outputs,
+    pub out: Outputs,
     mailbox: Outputs,
+    /// The host holds bit 4 high in mode 1, whether that has come here or not.
+    host_starts: bool,
     hold_outputs: u32,
-    /// For how many ticks it has not looked at them.
     outputs_late: u32,
     hold_inputs: u32,
     before: u16,
-    active: Option<SetPoint>,
+    active: Option<(SetPoint, Phase)>,
     pending: Option<SetPoint>,
     /// It has passed its end, and goes on at this velocity.
     runs_on: Option<f64>,
     last_target: f64,
-    /// The demand.
+    /// After a homing, a jog or a limit nobody else knows what a distance counts from, nor what the previous target is after enabling.
+    base_lost: bool,
     pub demand: f64,
     pub demand_velocity: f64,
-    /// Whence the demand has just come to an end: its sign.
-    arrives: Option<f64>,
     /// The axis.
     pub position: f64,
     pub velocity: f64,
     /// Where 6064h counts from.
     zero: f64,
-    wait: u32,
     reached: bool,
     reached_since: u32,
     stale_reached: u32,
-    show_reached_while_waiting: bool,
-    glitch: bool,
-    right_bits_for: u32,
+    at_limit: bool,
     ack: bool,
     ack_due: Option<u32>,
     ack_hold: u32,
     ack_pulse: bool,
-    wrong: Option<(u16, u32)>,
-    /// Whether it shows Operation enabled and is not.
-    shows_enabled: bool,
+    wrong_state: Option<(u16, u32)>,
+    wrong_bit: Option<WrongBit>,
+    /// For how many ticks whose image arrived all bits were right, and how many there are to be before the next is wrong.
+    right_for: u32,
+    wrong_after: u32,
+    arrived_in_tick: bool,
     flap: Option<(i8, u32)>,
-    stop_requested: bool,
     homing: Option<u32>,
     /// How many homings have begun, and how many have come to their end.
     pub homings: (u64, u64),
     homed: bool,
     homing_failed: bool,
     push: f64,
+    blocked: u32,
+    /// For so many ticks it is under local control.
+    deaf: u32,
     /// For so many ticks an input holds the axis.
     held: u32,
     next_hold: u64,
     /// The set-point that ended last.
     recent: Option<usize>,
     next_incident: u64,
-    image: [u8; INPUT_BYTES],
+    past: [Shown; PAST],
+    visible: Shown,
     pub ledger: Vec<Latch>,
-    /// An edge with bit 5 low came onto a full buffer, of none of which the end was where the axis stood.
+    /// An edge with bit 5 low came onto a full buffer.
     pub overrun: Option<u32>,
-    /// Habits end with the disturbed part of a scenario.
-    pub healed: bool,
 }
 
-const MS_100: f64 = 0.1;
+/// Ticks by which its outputs are late at most, however often that comes over it.
+const LATE: u32 = 3;
 
 impl Drive {
     pub fn new(making: Making, habits: Habits, mut random: Random) -> Self {
-        let next_incident = random.below(making.cycles_between_incidents * 2) + 1;
         let mut drive = Self {
+            next_incident: random.below(making.incidents * 2) + 1,
+            reached: true,
             making,
             habits,
-            hits: Hits::default(),
             random,
-            now: 0,
-            state: State::NotReady,
-            power_wait: 0,
-            cause_until: 0,
-            fault_since: 0,
-            reaction_until: 0,
-            mode: 0,
-            mode_wait: 0,
-            out: Outputs::default(),
-            mailbox: Outputs::default(),
-            hold_outputs: 0,
-            outputs_late: 0,
-            hold_inputs: 0,
-            before: 0,
-            active: None,
-            pending: None,
-            runs_on: None,
-            last_target: 0.0,
-            demand: 0.0,
-            demand_velocity: 0.0,
-            arrives: None,
-            position: 0.0,
-            velocity: 0.0,
-            zero: 0.0,
-            wait: 0,
-            reached: true,
-            reached_since: 0,
-            stale_reached: 0,
-            show_reached_while_waiting: false,
-            glitch: false,
-            right_bits_for: 0,
-            ack: false,
-            ack_due: None,
-            ack_hold: 0,
-            ack_pulse: false,
-            wrong: None,
-            shows_enabled: false,
-            flap: None,
-            stop_requested: false,
-            homing: None,
-            homings: (0, 0),
-            homed: false,
-            homing_failed: false,
-            push: 0.0,
-            held: 0,
-            next_hold: 0,
-            recent: None,
-            next_incident,
-            image: [0; INPUT_BYTES],
-            ledger: Vec::new(),
-            overrun: None,
-            healed: false,
+            ..Self::default()
         };
         drive.show();
+        drive.past = [drive.visible; PAST];
         drive
+    }
+
+    /// The host sends bit 4 in mode 1, high or low. What rises in bit 12 from then on is the answer to that (S1): no wrong bit may be.
+    pub fn expect(&mut self, starts: bool) {
+        self.host_starts = starts;
+        if starts && self.wrong_bit.is_some_and(|wrong| wrong.bit == ACKNOWLEDGE) {
+            self.wrong_bit = None;
+            self.right_for = 0;
+        }
     }
 
     /// A frame has passed with these outputs.
@@ -353,33 +274,51 @@ impl Drive {
     }
 
     /// What the frame that passes now fetches.
-    pub const fn image(&self) -> &[u8; INPUT_BYTES] {
-        &self.image
+    pub fn image(&self) -> [u8; crate::words::INPUT_BYTES] {
+        let shown = &self.visible;
+        let mut image = [0; crate::words::INPUT_BYTES];
+        image[0..2].copy_from_slice(&self.word().to_le_bytes());
+        image[2] = shown.mode.cast_unsigned();
+        image[3..7].copy_from_slice(&shown.counts.to_le_bytes());
+        image[7..11].copy_from_slice(&shown.velocity.to_le_bytes());
+        image[11..13].copy_from_slice(&shown.error.to_le_bytes());
+        image
     }
 
-    /// Whether it holds a set-point whose end neither the demand nor the axis has come to, in any mode; and how far the longest way is that
-    /// one of them has still to go. One with no way to go is over for all that shows, and so are two of them one behind the other, however far both lead.
+    const fn word(&self) -> u16 {
+        match self.wrong_bit {
+            Some(WrongBit {
+                bit, high: true, ..
+            }) => self.visible.word | bit,
+            Some(WrongBit { bit, .. }) => self.visible.word & !bit,
+            None => self.visible.word,
+        }
+    }
+
+    /// What it shows now has arrived.
+    pub const fn note_arrival(&mut self) {
+        self.arrived_in_tick = true;
+        if self.visible.word & 0x6F != State::Enabled.bits() {
+            self.out_seen = true;
+        }
+    }
+
+    /// Whether it holds a set-point whose end neither the demand nor the axis has come to, in any mode; and how far the longest way is
+    /// that one of them has still to go.
     pub fn holds(&self) -> Option<f64> {
         if self.state != State::Enabled {
             return None;
         }
         match self.mode {
             1 if self.runs_on.is_some() => Some(f64::INFINITY),
-            1 => self.active.map(|active| {
-                let latch = &self.ledger[active.index];
-                let way = (active.goal - self.demand).abs();
-                let way = way.min((active.goal - self.position).abs()) - latch.vague;
-                let way = if latch.over { 0.0 } else { way };
-                let behind = self.pending.map(|next| {
-                    let way = (next.goal - active.goal).abs();
-                    let way = way.min((next.goal - self.demand).abs());
-                    if self.ledger[next.index].over {
-                        0.0
-                    } else {
-                        way
-                    }
-                });
-                way.max(behind.unwrap_or(0.0))
+            1 => self.active.map(|(active, _)| {
+                let ahead = |to: f64, from: f64| (to - from).abs().min((to - self.demand).abs());
+                let behind = |next: SetPoint| ahead(next.to, active.to);
+                let way = ahead(active.to, self.position);
+                // Of a distance nobody else knows the end to less than a window.
+                let vague = self.ledger[active.index].relative;
+                let vague = if vague { self.making.window } else { 0.0 };
+                way.max(self.pending.map_or(0.0, behind)) - vague
             }),
             3 if self.out.target_velocity != 0 => Some(f64::INFINITY),
             6 if self.homing.is_some() => Some(f64::INFINITY),
@@ -387,46 +326,76 @@ impl Drive {
         }
     }
 
-    /// Whether it waits before it sets off, or stands between two.
-    pub const fn waits(&self) -> bool {
-        self.wait > 0
+    /// Whether it has nothing to do, and takes set-points.
+    pub fn is_free(&self) -> bool {
+        self.state == State::Enabled
+            && self.mode == 1
+            && self.active.is_none()
+            && self.demand_velocity == 0.0
     }
 
-    /// A set-point has ended for all that shows, where the drive stands within this of its end, with bit 10.
-    pub fn note_over(&mut self, index: usize, within: f64) {
-        let shows_reached = self.image[1] & 0x04 != 0;
-        let away = self.apart(self.ledger[index].goal, self.position);
-        let latch = &mut self.ledger[index];
-        let away = away - latch.vague;
-        if shows_reached && self.demand_velocity == 0.0 && away <= within {
-            latch.over = true;
+    /// Whether the demand of this set-point is at its end in two ticks: only the last of its ramp is left, or the next takes over there.
+    pub fn is_there_soon(&self, index: usize) -> bool {
+        let Some((active, Phase::Runs)) = self.active.filter(|(active, _)| active.index == index)
+        else {
+            return false;
+        };
+        let (dt, way) = (self.making.tick, active.to - self.demand);
+        let speed = self.demand_velocity.abs();
+        let stops = self.stops_at(active, way);
+        way * self.demand_velocity >= 0.0
+            && way.abs() <= 2.0 * speed.max(active.deceleration * dt) * dt + 1.0
+            && (!stops || speed <= 8.0 * active.deceleration * dt)
+    }
+
+    /// Where its set-points are, for a reader.
+    pub fn phase(&self) -> String {
+        let active = self.active.map(|(active, phase)| (active.index, phase));
+        format!("{active:?} held {} runs on {:?}", self.held, self.runs_on)
+    }
+
+    /// How far two positions are apart, of a modulo axis around its turn: that is what 6064h shows.
+    pub fn apart(&self, a: f64, b: f64) -> f64 {
+        let way = (a - b).abs();
+        match self.making.turn {
+            Some((_, length)) => {
+                let rest = way.rem_euclid(length as f64);
+                rest.min(length as f64 - rest)
+            }
+            None => way,
         }
     }
 
-    /// Whether the active set-point counts as over, as far as it shows itself.
-    fn is_over(&self) -> bool {
-        self.active
-            .is_some_and(|active| self.ledger[active.index].over)
+    /// A way of this length is none, for all that 6064h shows.
+    pub fn no_way(&self) -> f64 {
+        self.making.window + 2.0 + 2.0 * f64::from(self.making.dither)
     }
 
-    pub const fn word_in_effect(&self) -> u16 {
-        self.out.word
+    /// Where 6064h shows this target.
+    pub const fn zero(&self) -> f64 {
+        self.zero
     }
 
     /// Nothing unusual happens from now on.
     pub fn heal(&mut self) {
-        self.healed = true;
         self.habits = Habits::default();
-        self.wrong = None;
+        self.wrong_state = None;
+        self.wrong_bit = None;
         self.flap = None;
         self.cause_until = 0;
         self.hold_outputs = 0;
         self.hold_inputs = 0;
-        self.wait = 0;
         self.power_wait = 0;
         self.mode_wait = 0;
         self.push = 0.0;
+        self.blocked = 0;
+        self.deaf = 0;
         self.held = 0;
+        self.stale_reached = 0;
+        self.next_incident = u64::MAX;
+        if let Some((_, Phase::Waits { ticks, .. })) = &mut self.active {
+            *ticks = 0;
+        }
         if self.state == State::FaultReaction {
             self.reaction_until = self.now;
         }
@@ -447,13 +416,15 @@ impl Drive {
     /// One of its own cycles.
     pub fn cycle(&mut self) {
         self.now += 1;
-        if self.now >= self.next_incident && !self.healed {
-            self.next_incident =
-                self.now + 1 + self.random.below(self.making.cycles_between_incidents * 2);
-            self.trouble();
+        if self.now >= self.next_incident {
+            self.next_incident = self.now + 1 + self.random.below(self.making.incidents * 2);
+            self.incident();
         }
         self.step_hold();
-        if self.hold_outputs > 0 && self.outputs_late < LATE {
+        self.deaf = self.deaf.saturating_sub(1);
+        if self.deaf > 0 {
+            // It goes on with what it was told before.
+        } else if self.hold_outputs > 0 && self.outputs_late < LATE {
             self.hold_outputs -= 1;
             self.outputs_late += 1;
         } else {
@@ -466,97 +437,103 @@ impl Drive {
         self.step_set_points(&out);
         self.step_demand(&out);
         self.step_plant();
-        self.step_bits(&out);
+        self.step_acknowledge(&out);
+        self.step_reached(&out);
         self.before = out.word;
-        if self.hold_inputs > 0 {
-            self.hold_inputs -= 1;
-        } else {
-            self.show();
-        }
+        self.show();
+        self.step_wrong_bit();
     }
 
-    fn trouble(&mut self) {
-        const EVENTS: [Habit; 14] = [
-            Habit::WrongWord,
-            Habit::WrongWords,
+    fn incident(&mut self) {
+        const EVENTS: [Habit; 19] = [
             Habit::FaultReactionLeft,
-            Habit::FaultReactionLeftMoving,
             Habit::FaultResetsItself,
             Habit::Fault,
             Habit::FaultCoasts,
-            Habit::ModeFlaps,
             Habit::OutputsLate,
             Habit::InputsLate,
             Habit::OwnQuickStop,
             Habit::OwnSwitchOff,
             Habit::OwnDisable,
-            Habit::LoadStep,
+            Habit::OwnEnable,
+            Habit::Inhibited,
+            Habit::WrongWord,
+            Habit::WrongWords,
+            Habit::FaultReactionLeftMoving,
+            Habit::ModeFlaps,
+            Habit::Forgets,
+            Habit::Push,
+            Habit::Blocked,
+            Habit::LocalControl,
         ];
-        let from = self.random.below(EVENTS.len() as u64 + 1) as usize;
+        if !self.habits.any(Habits::of(&EVENTS)) {
+            self.next_incident = u64::MAX;
+            return;
+        }
+        let from = self.random.below(EVENTS.len() as u64) as usize;
         let mut events = EVENTS.iter().cycle().skip(from).take(EVENTS.len());
-        let habit = if from == EVENTS.len() {
-            None
-        } else {
-            events.find(|habit| self.habits.has(**habit)).copied()
-        };
-        let Some(habit) = habit else {
-            // Of a distance from nobody knows where bit 10 is the only word.
-            let absolute = self
-                .active
-                .is_some_and(|active| !self.ledger[active.index].relative);
-            // On a slow one the axis is where it was, for all that shows, and within the window of its end it has arrived.
-            let fast = self.demand_velocity.abs() * 0.02 > 20.0 * self.making.window;
-            let away = self.active.is_some_and(|active| {
-                (active.goal - self.position).abs() > 3.0 * self.making.window
-            });
-            // But one that goes through the window in a tick only passes it.
-            let passes = self.velocity.abs() * self.making.tick > 3.0 * self.making.window;
-            let shown = self.hold_inputs == 0;
-            if absolute && fast && (away || passes) && shown && self.has(Habit::Bit10Glitch) {
-                self.glitch = true;
-            }
+        let Some(&habit) = events.find(|habit| self.habits.has(**habit)) else {
             return;
         };
+        if self.undergoes(habit) {
+            self.hits.hit(habit);
+        }
+    }
+
+    /// Whether this can come over it now.
+    fn undergoes(&mut self, habit: Habit) -> bool {
         let powered = self.state.is_powered();
+        let enabled = self.state == State::Enabled;
+        let may = match habit {
+            Habit::FaultReactionLeft | Habit::FaultReactionLeftMoving => powered,
+            Habit::Fault | Habit::FaultResetsItself | Habit::FaultCoasts => !matches!(
+                self.state,
+                State::FaultReaction | State::Fault | State::NotReady
+            ),
+            Habit::OwnQuickStop | Habit::OwnDisable => enabled,
+            Habit::OwnSwitchOff => powered && self.state != State::FaultReaction,
+            Habit::OwnEnable => {
+                let off = [State::SwitchOnDisabled, State::Ready, State::SwitchedOn];
+                off.contains(&self.state) && self.out_seen
+            }
+            Habit::Inhibited => matches!(self.state, State::Ready | State::SwitchedOn),
+            Habit::Forgets => self.active.is_some() && enabled && self.random.one_in(16),
+            // What is held longer would be older than three ticks.
+            Habit::InputsLate => self.hold_inputs == 0,
+            _ => true,
+        };
+        if !may {
+            return false;
+        }
         match habit {
             Habit::WrongWord | Habit::WrongWords => {
                 let bits = self.random.pick(&[
                     0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08, 0x31, 0x33, 0x37, 0x17, 0x1F,
                     0x18, 0x50, 0x60, 0x6F, 0x7F,
                 ]);
-                let more = if habit == Habit::WrongWords {
-                    1 + self.random.below(4) as u32
-                } else {
-                    0
+                let more = match habit {
+                    Habit::WrongWords => 1 + self.random.below(4) as u32,
+                    _ => 0,
                 };
-                self.wrong = Some((bits, more));
+                self.wrong_state = Some((bits, more));
             }
             Habit::FaultReactionLeft | Habit::FaultReactionLeftMoving => {
-                if !powered {
-                    return;
-                }
                 if habit == Habit::FaultReactionLeft {
                     self.drop_all();
                 }
                 let ticks = self.random.pick(&[1, 1, 1, 3, 20]);
-                self.state = State::FaultReaction;
+                self.leave_to(State::FaultReaction);
                 self.reaction_until = self.now + ticks;
             }
             Habit::Fault | Habit::FaultResetsItself | Habit::FaultCoasts => {
-                if matches!(
-                    self.state,
-                    State::FaultReaction | State::Fault | State::NotReady
-                ) {
-                    return;
-                }
                 self.drop_all();
                 let lasting = self.random.pick(&[0.0, 0.0, 0.0, 0.3]);
                 self.cause_until = self.now + u64::from(self.ticks(lasting));
                 self.fault_since = self.now;
                 if habit == Habit::FaultCoasts || !powered {
-                    self.state = State::Fault;
+                    self.leave_to(State::Fault);
                 } else {
-                    self.state = State::FaultReaction;
+                    self.leave_to(State::FaultReaction);
                     self.reaction_until = u64::MAX;
                 }
             }
@@ -568,35 +545,43 @@ impl Drive {
             Habit::OutputsLate => {
                 self.hold_outputs = 1 + self.random.below(u64::from(LATE)) as u32;
             }
-            Habit::InputsLate => self.hold_inputs = 1 + self.random.below(3) as u32,
-            Habit::OwnQuickStop => {
-                if self.state != State::Enabled {
-                    return;
-                }
+            Habit::InputsLate => self.hold_inputs = 1 + self.random.below(2) as u32,
+            Habit::OwnQuickStop | Habit::OwnDisable | Habit::OwnSwitchOff => {
                 self.drop_all();
-                self.state = State::QuickStop;
-                self.power_wait = self.shown_for();
+                let state = match habit {
+                    Habit::OwnQuickStop => State::QuickStop,
+                    Habit::OwnDisable => State::SwitchedOn,
+                    _ => {
+                        let off = [State::SwitchOnDisabled, State::Ready, State::NotReady];
+                        self.random.pick(&off)
+                    }
+                };
+                self.leave_to(state);
+                self.power_wait = self.random.pick(&[3, 10, 60]);
             }
-            Habit::OwnSwitchOff => {
-                if !powered || self.state == State::FaultReaction {
-                    return;
+            Habit::OwnEnable => {
+                self.enable();
+                // It is seen, and the word that leads it down is obeyed.
+                self.power_wait = self.random.below(u64::from(2 * self.making.drive_cycle)) as u32;
+            }
+            Habit::Inhibited => {
+                let seconds = self.random.pick(&[0.02, 0.1, 0.6]);
+                self.power_wait = self.ticks(seconds);
+            }
+            Habit::Forgets => self.drop_all(),
+            Habit::Push => self.push = f64::from(self.random.between(-40_000, 40_000)),
+            Habit::Blocked | Habit::LocalControl => {
+                let seconds = self.random.pick(&[0.005, 0.05, 0.3]);
+                let ticks = self.ticks(seconds);
+                if habit == Habit::Blocked {
+                    self.blocked = ticks;
+                } else {
+                    self.deaf = ticks;
                 }
-                self.drop_all();
-                self.state = self.random.pick(&[State::SwitchOnDisabled, State::Ready]);
-                self.power_wait = self.shown_for();
             }
-            Habit::OwnDisable => {
-                if self.state != State::Enabled {
-                    return;
-                }
-                self.drop_all();
-                self.state = State::SwitchedOn;
-                self.power_wait = self.shown_for();
-            }
-            Habit::LoadStep => self.push = f64::from(self.random.between(-40_000, 40_000)),
-            _ => return,
+            _ => return false,
         }
-        self.hits.hit(habit);
+        true
     }
 
     /// Its input holds what it has begun, and lets it go on.
@@ -606,7 +591,10 @@ impl Drive {
             return;
         }
         let goes = match self.mode {
-            1 => self.active.is_some() || self.runs_on.is_some(),
+            1 => match self.active {
+                Some((_, phase)) => !matches!(phase, Phase::Stands { .. }),
+                None => self.runs_on.is_some(),
+            },
             3 => self.out.target_velocity != 0,
             6 => self.homing.is_some(),
             _ => false,
@@ -621,15 +609,17 @@ impl Drive {
             self.next_hold = 0;
             let seconds = self.random.pick(&[0.005, 0.05, 0.2, 0.6]);
             self.held = self.ticks(seconds);
-            // What bit 10 shows afterwards is of the motion.
-            self.show_reached_while_waiting = false;
+            // Its bit 10 is low from now on: it has begun, and is held there.
+            self.set_off();
             self.hits.hit(Habit::Held);
         }
     }
 
-    /// What it does by itself lasts so long that somebody who looks sees it.
-    fn shown_for(&mut self) -> u32 {
-        self.random.pick(&[3, 10, 60])
+    fn set_off(&mut self) {
+        if let Some((active, phase @ Phase::Waits { .. })) = &mut self.active {
+            *phase = Phase::Runs;
+            self.ledger[active.index].began.get_or_insert(self.now);
+        }
     }
 
     fn step_power(&mut self, out: &Outputs) {
@@ -638,6 +628,7 @@ impl Drive {
             return;
         }
         let before = self.state;
+        let off = out.is_disable_voltage();
         match self.state {
             State::NotReady => self.state = State::SwitchOnDisabled,
             State::SwitchOnDisabled => {
@@ -646,56 +637,51 @@ impl Drive {
                 }
             }
             State::Ready => {
-                if out.is_disable_voltage() || out.is_quick_stop() {
+                if off || out.is_quick_stop() {
                     self.state = State::SwitchOnDisabled;
                 } else if out.is_disable_operation() || out.is_enable_operation() {
                     self.state = State::SwitchedOn;
                 }
             }
             State::SwitchedOn => {
-                if out.is_disable_voltage() || out.is_quick_stop() {
+                if off || out.is_quick_stop() {
                     self.state = State::SwitchOnDisabled;
                 } else if out.is_shutdown() {
                     self.state = State::Ready;
-                } else if out.is_enable_operation() {
+                } else if out.is_enable_operation() && self.may_come_back() {
                     self.enable();
                 }
             }
             State::Enabled => {
-                if out.is_disable_voltage() {
-                    self.state = State::SwitchOnDisabled;
+                if off {
+                    self.leave_to(State::SwitchOnDisabled);
                 } else if out.is_quick_stop() {
                     if !self.has(Habit::QuickStopIgnored) {
-                        self.state = State::QuickStop;
-                    } else if self.wrong.is_some() {
-                        let held = self.active.iter().chain(&self.pending);
-                        for set_point in held {
-                            self.ledger[set_point.index].over = true;
-                        }
+                        self.leave_to(State::QuickStop);
                     }
                 } else if out.is_shutdown() {
-                    self.state = State::Ready;
+                    self.leave_to(State::Ready);
                 } else if out.is_disable_operation() {
-                    self.state = State::SwitchedOn;
+                    self.leave_to(State::SwitchedOn);
                 }
                 if self.state != State::Enabled {
                     self.drop_all();
                 }
             }
             State::QuickStop => {
-                if out.is_disable_voltage() {
+                if off {
                     self.state = State::SwitchOnDisabled;
                 } else if self.demand_velocity == 0.0 && self.velocity.abs() < 1_000.0 {
                     if self.making.quick_stop < 5 {
                         self.state = State::SwitchOnDisabled;
-                    } else if out.is_enable_operation() {
+                    } else if out.is_enable_operation() && self.may_come_back() {
                         self.enable();
                     }
                 }
             }
             State::FaultReaction => {
                 if self.reaction_until != u64::MAX {
-                    if self.now >= self.reaction_until {
+                    if self.now >= self.reaction_until && self.may_come_back() {
                         // Its set-points are dropped already, or not.
                         self.state = State::Enabled;
                     }
@@ -712,25 +698,38 @@ impl Drive {
                 }
             }
         }
-        if before != self.state && self.has(Habit::PowerLate) {
-            self.power_wait = self.random.below(12) as u32;
+        if before != self.state {
+            let late = !self.state.is_powered() && self.has(Habit::PowerLate);
+            if late || self.has(Habit::ObeysLate) {
+                self.power_wait = self.random.below(12) as u32;
+            }
         }
+    }
+
+    fn leave_to(&mut self, state: State) {
+        if self.state == State::Enabled {
+            self.out_seen = false;
+        }
+        self.state = state;
+    }
+
+    /// Another state was seen, whatever frames were lost meanwhile (D4).
+    fn may_come_back(&mut self) -> bool {
+        self.out_seen || self.has(Habit::LeavesUnseen)
     }
 
     fn enable(&mut self) {
         self.state = State::Enabled;
-        self.demand = self.position;
+        self.demand = self.position.round();
         self.demand_velocity = 0.0;
         self.last_target = self.demand;
+        self.base_lost = self.making.base == Base::PreviousTarget;
         self.ack = false;
         self.ack_due = None;
-        self.wait = 0;
         self.homing = None;
-        // Where bit 4 is high, or a wrong word said Operation enabled before, that would be the answer to a set-point, for all that
-        // shows.
-        let answers = self.out.bit(4) || self.shows_enabled;
-        let edge = !answers && self.has(Habit::AckAtEnable);
-        if edge {
+        // Where bit 4 is high, that would be the answer to a set-point.
+        let answers = self.out.bit(4) || self.host_starts;
+        if !answers && self.has(Habit::AckAtEnable) {
             self.ack = true;
             self.ack_hold = self.random.below(40) as u32;
         }
@@ -738,14 +737,17 @@ impl Drive {
 
     /// All set-points are gone.
     fn drop_all(&mut self) {
-        for set_point in self.active.take().into_iter().chain(self.pending.take()) {
-            self.end(set_point.index, End::Dropped);
+        if let Some((active, _)) = self.active.take() {
+            self.end(active.index, End::Dropped);
+        }
+        if let Some(next) = self.pending.take() {
+            self.end(next.index, End::Dropped);
         }
         self.runs_on = None;
-        self.wait = 0;
+        self.at_limit = false;
+        self.stale_reached = 0;
         self.homing = None;
         self.ack_due = None;
-        self.stop_requested = false;
     }
 
     fn end(&mut self, index: usize, end: End) {
@@ -754,6 +756,7 @@ impl Drive {
             latch.end.get_or_insert((now, end));
             self.recent = Some(index);
         }
+        self.base_lost |= end == End::Limited;
     }
 
     fn step_mode(&mut self, out: &Outputs) {
@@ -776,7 +779,7 @@ impl Drive {
     }
 
     fn step_set_points(&mut self, out: &Outputs) {
-        let edge = out.bit(4) && self.before & 0x10 == 0;
+        let edge = out.bit(4) && self.before & NEW_SET_POINT == 0;
         if self.state != State::Enabled || !edge {
             return;
         }
@@ -785,6 +788,7 @@ impl Drive {
             6 => {
                 self.homing = Some(self.random.pick(&[2, 30, 100, 300]));
                 self.homings.0 += 1;
+                self.base_lost = true;
                 self.homed = false;
                 self.homing_failed = false;
             }
@@ -806,55 +810,61 @@ impl Drive {
         };
         let relative = bit(6);
         if self.pending.is_some() && !immediate {
-            // Full: no document says that it is taken. One that is at its end before it begins may be over for all that shows.
-            let mut held = self.active.iter().chain(&self.pending);
-            let no_way = self.making.window + 2.0 + 2.0 * f64::from(self.making.dither);
-            if !held.any(|held| self.apart(held.goal, self.demand) <= no_way) {
-                self.overrun = Some(out.velocity);
-            }
+            self.overrun = Some(out.velocity);
             return;
         }
-        let behind = self.active.filter(|_| !immediate);
+        // Onto a full buffer the fall of bit 12 is the acknowledge: it is taken there.
+        if !self.ack && self.random.one_in(30) && self.has(Habit::EdgeIgnored) {
+            return;
+        }
+        let behind = self.active.map(|(active, _)| active).filter(|_| !immediate);
+        let moves = self.demand_velocity != 0.0
+            || (self.position - self.demand).abs() > self.making.window / 2.0;
         let goal = if relative {
             let base = match (behind, self.making.base) {
-                (Some(active), _) => active.goal,
+                (Some(active), _) => self.ledger[active.index].goal,
                 (None, Base::PreviousTarget) => self.last_target,
                 (None, Base::Demand) => self.demand,
-                (None, Base::Actual) => self.position.round(),
+                (None, Base::Actual) => self.position,
             };
-            base + f64::from(out.target)
+            base.round() + f64::from(out.target)
         } else {
             let goal = f64::from(out.target) + self.zero;
-            self.around(behind.map_or(self.demand, |active| active.goal), goal)
+            let from = behind.map_or(self.demand, |active| self.ledger[active.index].goal);
+            self.around(from, goal)
         };
-        let vague = if relative && behind.is_none() {
-            let (demand, axis) = (self.demand, self.position);
-            let least = demand.min(axis).min(self.last_target);
-            let most = demand.max(axis).max(self.last_target);
-            (most - least).min(self.making.window)
-        } else {
-            0.0
-        };
+        let from = behind.map_or(self.demand, |active| active.to);
+        let limit = self.limit_of(from, goal);
+        let known = !relative
+            || (!self.base_lost
+                && behind.is_none_or(|before| self.ledger[before.index].known)
+                && (!moves || self.making.base == Base::PreviousTarget));
+        let now = self.now;
         let index = self.ledger.len();
+        self.base_lost &= relative;
         self.ledger.push(Latch {
-            velocity: out.velocity,
-            target: out.target,
+            out: Outputs {
+                word: out.word & !0x260 | bits & 0x260,
+                ..*out
+            },
             relative,
+            blend,
             goal,
+            limit,
+            way: (goal - from).abs(),
+            known,
+            in_motion: moves,
             began: None,
+            arrived: None,
             end: None,
-            way: (goal - behind.map_or(self.demand, |behind| behind.goal)).abs(),
-            axis_way: (goal - self.position).abs(),
-            passes: out.end_velocity != 0,
-            nearest: (goal - self.demand).abs(),
-            axis_nearest: f64::INFINITY,
-            axis_came: f64::INFINITY,
-            over: false,
-            vague,
+            taken: now,
+            still: false,
+            nearest: f64::INFINITY,
         });
         let set_point = SetPoint {
             index,
-            goal,
+            to: limit.unwrap_or(goal),
+            limited: limit.is_some(),
             velocity: f64::from(out.velocity.max(1)),
             acceleration: f64::from(out.acceleration.max(1)),
             deceleration: f64::from(out.deceleration.max(1)),
@@ -863,26 +873,54 @@ impl Drive {
         };
         self.last_target = goal;
         if immediate {
-            for old in self.active.take().into_iter().chain(self.pending.take()) {
+            let active = self.active.take().map(|(active, _)| active);
+            for old in active.into_iter().chain(self.pending.take()) {
                 self.end(old.index, End::Replaced);
             }
         }
         if self.active.is_none() {
-            self.begin(set_point);
+            self.take_up(set_point);
         } else {
             self.pending = Some(set_point);
+            self.ledger[index].still = self.is_still(index);
         }
-        let full = self.ack;
-        if !(full && self.making.ack == Ack::Buffer) {
+        let full = self.ack && self.making.ack == Ack::Buffer;
+        // A buffer that is full shows that for as long as it is.
+        let shows = self.making.ack == Ack::Buffer && self.pending.is_some();
+        let silent = !shows && self.random.one_in(30) && self.has(Habit::AckMissing);
+        if !full && !silent {
             self.ack_due = Some(if self.has(Habit::AckLate) {
                 self.random.below(25) as u32
             } else {
                 0
             });
         }
-        if self.reached && self.has(Habit::Bit10Stale) {
-            self.stale_reached = self.random.below(6) as u32;
+    }
+
+    /// Where it ends a set-point that leads to `goal` from there, if it limits it.
+    fn limit_of(&mut self, from: f64, goal: f64) -> Option<f64> {
+        const CLAMPS: Habits = Habits::of(&[Habit::Clamps, Habit::ClampOfOneSample]);
+        let (least, most) = self.making.limits;
+        // One that stands beyond its range already goes no further.
+        let within = goal.clamp(least.min(from), most.max(from));
+        if within != goal && self.has(Habit::Limits) {
+            return Some(within);
         }
+        let clamps = self.habits.any(CLAMPS);
+        if !clamps || !self.random.one_in(2) {
+            return None;
+        }
+        let (way, window) = ((goal - from).abs(), self.making.window);
+        let short = self
+            .random
+            .pick(&[2.0 * window, 5.0 * window, 300.0, way * 0.3, way * 0.9]);
+        if short < 2.0 * window || short >= way {
+            return None;
+        }
+        if self.habits.has(Habit::Clamps) {
+            self.hits.hit(Habit::Clamps);
+        }
+        Some((goal - short.copysign(goal - from)).round())
     }
 
     /// Where on a modulo axis a drive goes that is sent to a position of its turn.
@@ -898,47 +936,69 @@ impl Drive {
         } else {
             length / 2.0
         };
-        let way = if forward > behind {
+        from + if forward > behind {
             forward - length
         } else {
             forward
-        };
-        from + way
-    }
-
-    /// How far two positions are apart, of a modulo axis around its turn: that is what 6064h shows.
-    pub fn apart(&self, a: f64, b: f64) -> f64 {
-        let way = (a - b).abs();
-        match self.making.turn {
-            Some((_, length)) => {
-                let rest = way.rem_euclid(length as f64);
-                rest.min(length as f64 - rest)
-            }
-            None => way,
         }
     }
 
-    /// Whether it has nothing to do, and takes set-points.
-    pub fn is_free(&self) -> bool {
-        self.state == State::Enabled
-            && self.mode == 1
-            && self.active.is_none()
-            && self.demand_velocity == 0.0
+    /// Whether the axis rests where this one leads, and those before it are over: nothing need show that it is over, too.
+    pub fn is_still(&self, index: usize) -> bool {
+        let latch = &self.ledger[index];
+        let over = |before: &Latch| before.still || before.arrived.is_some();
+        let is_next = self
+            .active
+            .is_none_or(|(active, _)| active.index == index || over(&self.ledger[active.index]));
+        let near = self.apart(latch.goal, self.position) <= self.no_way();
+        let short = latch.way <= 2.0 * self.no_way();
+        latch.still || (self.demand_velocity == 0.0 && near && short && is_next)
     }
 
-    fn begin(&mut self, set_point: SetPoint) {
-        self.active = Some(set_point);
+    /// Its turn has come, with nothing before it.
+    fn take_up(&mut self, set_point: SetPoint) {
         self.runs_on = None;
-        self.reached_since = 0;
-        if self.demand_velocity == 0.0 {
-            self.show_reached_while_waiting = false;
-            // One that is held does not set off, and bit 10 is low.
-            if self.held == 0 && self.has(Habit::StartDelayShownReached) {
-                self.wait = self.random.below(u64::from(self.ticks(0.3))) as u32;
-                self.show_reached_while_waiting = true;
+        let longest = self
+            .making
+            .begin
+            .saturating_sub(4 * self.making.drive_cycle + 4);
+        let longest = u64::from(longest.max(1));
+        let mut phase = Phase::Runs;
+        if self.demand_velocity == 0.0 && self.held == 0 {
+            // It may stay high, and does not rise.
+            let late = if self.has(Habit::StartDelayShownReached) {
+                Some(self.reached)
             } else if self.has(Habit::StartDelay) {
-                self.wait = self.random.below(u64::from(self.ticks(0.3))) as u32;
+                Some(false)
+            } else {
+                None
+            };
+            if let Some(reached) = late {
+                let part = self.random.pick(&[longest, longest.div_ceil(4), 8]);
+                let ticks = self.random.below(part) as u32;
+                phase = Phase::Waits { ticks, reached };
             }
+            if self.random.one_in(4) && self.has(Habit::BeginsTooLate) {
+                let ticks = self.making.begin + self.random.below(longest) as u32;
+                let reached = self.reached && self.random.one_in(2);
+                phase = Phase::Waits { ticks, reached };
+            }
+        }
+        self.active = Some((set_point, phase));
+        self.ledger[set_point.index].still = self.is_still(set_point.index);
+        if phase == Phase::Runs {
+            self.begin(set_point.index);
+        }
+    }
+
+    fn begin(&mut self, index: usize) {
+        let latch = &mut self.ledger[index];
+        latch.began.get_or_insert(self.now);
+        latch.in_motion = self.demand_velocity != 0.0;
+        self.at_limit = false;
+        if self.reached && self.demand_velocity == 0.0 && self.has(Habit::Bit10Stale) {
+            let most = 2 * self.making.drive_cycle - u32::from(self.making.ages[0]);
+            self.stale_reached = self.random.below(u64::from(most) + 1) as u32;
         }
     }
 
@@ -947,9 +1007,9 @@ impl Drive {
         match self.state {
             State::QuickStop | State::FaultReaction => {
                 if self.state == State::FaultReaction && self.reaction_until != u64::MAX {
-                    // What has set off waits no more.
+                    // What it has kept goes on, and waits no more.
                     if self.active.is_some() {
-                        self.wait = 0;
+                        self.set_off();
                         self.follow(dt);
                         return;
                     }
@@ -958,22 +1018,25 @@ impl Drive {
                         return;
                     }
                 }
-                let ramp = self.making.quick_ramp;
-                self.approach_velocity(0.0, ramp, dt);
+                self.approach_velocity(0.0, self.making.quick_ramp, dt);
             }
             State::Enabled => {
-                let halted = out.bit(8) && !(self.has_halt_ignored(out));
+                let halted = out.bit(8) && !self.ignores_halt();
                 match self.mode {
                     1 => self.position_mode(halted, dt),
                     3 => {
-                        let wanted = if halted || self.held > 0 {
-                            0.0
-                        } else {
-                            f64::from(out.target_velocity)
-                        };
-                        self.approach_velocity(wanted, f64::from(out.acceleration.max(1)), dt);
+                        self.base_lost = true;
+                        let stops = halted || self.held > 0;
+                        let wanted = if stops { 0 } else { out.target_velocity };
+                        let ramp = f64::from(out.acceleration.max(1));
+                        self.approach_velocity(f64::from(wanted), ramp, dt);
                     }
                     6 => self.homing_mode(out, halted, dt),
+                    // It goes at once to where 607Ah leads.
+                    8 => {
+                        self.demand = self.around(self.demand, f64::from(out.target) + self.zero);
+                        self.demand_velocity = 0.0;
+                    }
                     _ => self.approach_velocity(0.0, self.making.quick_ramp, dt),
                 }
             }
@@ -984,9 +1047,8 @@ impl Drive {
         }
     }
 
-    fn has_halt_ignored(&mut self, out: &Outputs) -> bool {
-        let new = self.before & 0x100 == 0;
-        if out.bit(8) && new {
+    fn ignores_halt(&mut self) -> bool {
+        if self.before & HALT == 0 {
             return self.has(Habit::HaltIgnored);
         }
         self.habits.has(Habit::HaltIgnored)
@@ -1004,56 +1066,58 @@ impl Drive {
     }
 
     fn position_mode(&mut self, halted: bool, dt: f64) {
+        let quick = self.making.quick_ramp;
         if halted {
-            // What bit 10 shows afterwards is of the halt.
-            self.show_reached_while_waiting = false;
-            let ramp = self
-                .active
-                .map_or(self.making.quick_ramp, |active| active.deceleration);
+            let ramp = self.active.map_or(quick, |(active, _)| active.deceleration);
             self.approach_velocity(0.0, ramp, dt);
+            let new = self.before & HALT == 0 && self.random.one_in(4);
             let goes = self.active.is_some() || self.runs_on.is_some();
-            if self.demand_velocity == 0.0 && goes && self.has(Habit::HaltForgets) {
+            let rests = goes && self.demand_velocity == 0.0;
+            if (rests && self.has(Habit::HaltForgets))
+                || (goes && new && self.has(Habit::HaltForgetsUntold))
+            {
                 self.drop_all();
             }
             return;
         }
-        if self.held > 0 {
-            let ramp = self.making.quick_ramp;
-            let Some(active) = self.active else {
-                self.approach_velocity(0.0, ramp, dt);
-                return;
+        let Some((active, phase)) = self.active else {
+            let velocity = match self.runs_on {
+                Some(velocity) if self.held == 0 => velocity,
+                _ => 0.0,
             };
-            let way = active.goal - self.demand;
-            self.approach_velocity(0.0, active.deceleration, dt);
-            // What was to pass its end has passed it, on the ramp.
-            let blends = self.blends(active, way);
-            self.pass(active, way, blends);
+            self.approach_velocity(velocity, quick, dt);
             return;
-        }
-        if self.wait > 0 {
-            self.wait -= 1;
-            return;
-        }
-        if self.active.is_some() {
-            self.follow(dt);
-        } else {
-            let velocity = self.runs_on.unwrap_or(0.0);
-            self.approach_velocity(velocity, self.making.quick_ramp, dt);
+        };
+        match phase {
+            Phase::Waits { ticks, reached } if ticks > 0 => {
+                let ticks = ticks - 1;
+                self.active = Some((active, Phase::Waits { ticks, reached }));
+            }
+            Phase::Waits { .. } => {
+                self.set_off();
+                self.begin(active.index);
+                self.follow(dt);
+            }
+            Phase::Runs if self.held > 0 => {
+                let way = active.to - self.demand;
+                self.approach_velocity(0.0, active.deceleration, dt);
+                // What was to pass its end has passed it, on the ramp.
+                self.pass(active, way);
+            }
+            Phase::Runs => self.follow(dt),
+            Phase::Stands { ticks, reached } => self.stand(active, ticks, reached, dt),
         }
     }
 
     fn follow(&mut self, dt: f64) {
-        let Some(active) = self.active else { return };
-        let now = self.now;
-        let way = active.goal - self.demand;
-        let latch = &mut self.ledger[active.index];
-        latch.began.get_or_insert(now);
-        latch.nearest = latch.nearest.min(way.abs());
-        let blends = self.blends(active, way);
+        let Some((active, _)) = self.active else {
+            return;
+        };
+        let way = active.to - self.demand;
         // One behind it begins at rest.
         let least = self.passing_velocity(active);
         let stop = (2.0 * active.deceleration * way.abs() + least * least).sqrt();
-        let wanted = if blends {
+        let wanted = if self.blends(active, way) {
             active.velocity
         } else {
             active.velocity.min(stop)
@@ -1061,22 +1125,20 @@ impl Drive {
         .copysign(way);
         let near = way.abs() <= (2.0 * active.deceleration * dt * dt).max(0.5);
         let slow = self.demand_velocity.abs() <= 4.0 * active.deceleration * dt;
-        if near && slow {
-            self.arrives = Some(way.signum());
-            self.demand = active.goal;
+        let latch = &mut self.ledger[active.index];
+        let early = latch.began == Some(self.now) && !self.making.at_once;
+        if near && slow && !early {
+            self.demand = active.to;
             self.demand_velocity = 0.0;
-            self.ledger[active.index].nearest = 0.0;
-            self.end(active.index, End::Reached);
-            self.active = None;
-            self.reached_since = 0;
-            if let Some(next) = self.pending.take() {
-                self.active = Some(next);
-                self.show_reached_while_waiting = false;
-                if self.held == 0 && self.has(Habit::Dwell) {
-                    self.wait = self.random.below(u64::from(self.ticks(0.3))) as u32;
-                    self.show_reached_while_waiting = true;
-                }
-            }
+            latch.arrived.get_or_insert(self.now);
+            self.at_limit = active.limited;
+            let reached = active.limited || self.pending.is_none() || self.making.rises_between;
+            let ticks = if active.limited {
+                self.stand_of_a_limit()
+            } else {
+                0
+            };
+            self.active = Some((active, Phase::Stands { ticks, reached }));
             return;
         }
         let faster =
@@ -1087,59 +1149,107 @@ impl Drive {
             active.deceleration * 1.5
         };
         self.approach_velocity(wanted, ramp, dt);
-        self.pass(active, way, blends);
+        self.pass(active, way);
+    }
+
+    /// For how many ticks it stands where it has limited a set-point, with bit 10.
+    fn stand_of_a_limit(&mut self) -> u32 {
+        if self.has(Habit::ClampOfOneSample) {
+            1
+        } else {
+            2 * self.making.drive_cycle
+        }
+    }
+
+    /// It goes on when the axis was seen at its end (S5).
+    fn stand(&mut self, active: SetPoint, ticks: u32, reached: bool, dt: f64) {
+        // As counts show it.
+        let near = (self.visible.position - active.to).abs() < self.making.window + 0.5;
+        if !near {
+            self.has(Habit::Overshoot);
+            self.has(Habit::Creeps);
+        }
+        if active.limited {
+            let ticks = if near && self.word() & REACHED != 0 {
+                ticks - 1
+            } else {
+                self.stand_of_a_limit()
+            };
+            if ticks > 0 {
+                self.active = Some((active, Phase::Stands { ticks, reached }));
+                return;
+            }
+            self.end(active.index, End::Limited);
+            if let Some(next) = self.pending {
+                let next = &mut self.ledger[next.index];
+                next.known &= !next.relative;
+            }
+        } else {
+            if !near && !self.has(Habit::GoesOnEarly) {
+                return;
+            }
+            self.end(active.index, End::Reached);
+        }
+        self.active = None;
+        let Some(next) = self.pending.take() else {
+            return;
+        };
+        self.take_up(next);
+        if self.held == 0 && self.has(Habit::Dwell) {
+            let longest = self
+                .making
+                .begin
+                .saturating_sub(4 * self.making.drive_cycle + 4);
+            let longest = longest.clamp(1, self.ticks(0.3));
+            let ticks = self.random.below(u64::from(longest)) as u32;
+            let reached = self.reached && self.random.one_in(2);
+            self.ledger[next.index].began = None;
+            self.active = Some((next, Phase::Waits { ticks, reached }));
+            self.stale_reached = 0;
+        }
+        if let Some((_, Phase::Runs)) = self.active {
+            self.follow(dt);
+        }
+    }
+
+    /// Whether it stops at its end.
+    fn stops_at(&self, active: SetPoint, way: f64) -> bool {
+        self.passing_velocity(active) == 0.0 && !self.blends(active, way)
     }
 
     /// Whether the one behind it takes over at its end, in motion.
     fn blends(&self, active: SetPoint, way: f64) -> bool {
-        self.pending
-            .is_some_and(|next| next.blend && (next.goal - active.goal) * way > 0.0)
+        !active.limited
+            && self
+                .pending
+                .is_some_and(|next| next.blend && (next.to - active.to) * way > 0.0)
     }
 
     /// How fast it passes its end, with none behind it.
     fn passing_velocity(&self, active: SetPoint) -> f64 {
-        self.pending.map_or(active.end_velocity, |_| 0.0)
+        if active.limited || self.pending.is_some() {
+            0.0
+        } else {
+            active.end_velocity
+        }
     }
 
     /// Where the demand has passed the end, from where it had this way to go, and goes on there.
-    fn pass(&mut self, active: SetPoint, way: f64, blends: bool) {
-        if (active.goal - self.demand) * way > 0.0 {
+    fn pass(&mut self, active: SetPoint, way: f64) {
+        if (active.to - self.demand) * way > 0.0 || self.stops_at(active, way) {
             return;
         }
         let velocity = self.passing_velocity(active);
+        self.ledger[active.index].arrived.get_or_insert(self.now);
+        self.end(active.index, End::Passed);
         if velocity > 0.0 {
-            self.ledger[active.index].nearest = 0.0;
-            self.end(active.index, End::Reached);
             self.active = None;
             self.runs_on = Some(velocity.copysign(way));
-        } else if blends {
-            self.ledger[active.index].nearest = 0.0;
-            self.end(active.index, End::Passed);
-            self.active = self.pending.take();
-            if self.has(Habit::Bit10Glitch) {
-                self.glitch = true;
-            }
-        }
-    }
-
-    /// Whether an axis whose demand has come to its end is beyond that, or still on its way: seen once for each end.
-    fn note_arrival(&mut self) {
-        let Some(direction) = self.arrives else {
-            return;
-        };
-        if self.demand_velocity != 0.0 || !self.state.is_powered() {
-            self.arrives = None;
-            return;
-        }
-        let beyond = (self.position - self.demand) * direction;
-        if beyond.abs() > self.making.window {
-            let habit = if beyond > 0.0 {
-                Habit::Overshoot
-            } else {
-                Habit::Creeps
-            };
-            if self.has(habit) {
-                self.arrives = None;
+        } else {
+            self.active = self.pending.take().map(|next| (next, Phase::Runs));
+            if let Some((next, _)) = self.active {
+                self.ledger[next.index].began = Some(self.now);
+                self.ledger[next.index].in_motion = true;
             }
         }
     }
@@ -1180,25 +1290,35 @@ impl Drive {
     }
 
     fn step_plant(&mut self) {
-        let dt = self.making.tick;
-        let steps = (self.making.frequency * dt / 0.25).ceil().max(1.0);
-        let part = dt / steps;
-        if self.state.is_powered() {
-            let (w, z) = (self.making.frequency, self.making.damping);
-            // The demand of the cycle is followed from where it was.
-            let mut demand = self.demand - self.demand_velocity * dt;
-            for _ in 0..steps as u32 {
-                demand += self.demand_velocity * part;
-                let pull = w * w * (demand - self.position)
-                    + 2.0
-                        * z
-                        * w
-                        * (self.making.feed_forward * self.demand_velocity - self.velocity)
-                    + self.push;
-                self.velocity += pull * part;
-                self.position += self.velocity * part;
+        let before = self.position;
+        if self.blocked > 0 {
+            self.blocked -= 1;
+            self.velocity = 0.0;
+            if (self.demand - self.position).abs() > 500.0 && self.state == State::Enabled {
+                // A following error.
+                self.blocked = 0;
+                self.demand = self.position;
+                self.demand_velocity = 0.0;
+                self.undergoes(Habit::Fault);
             }
         } else {
+            self.step_shaft();
+        }
+        let active = self.active.map(|(active, _)| active.index);
+        let (low, high) = (before.min(self.position), before.max(self.position));
+        for index in active.into_iter().chain(self.recent) {
+            let latch = &mut self.ledger[index];
+            let over = latch.limit.is_some() && active.is_some_and(|active| active != index);
+            if !over && (latch.began.is_some() || latch.still) {
+                let away = (low - latch.goal).max(latch.goal - high).max(0.0);
+                latch.nearest = latch.nearest.min(away);
+            }
+        }
+    }
+
+    fn step_shaft(&mut self) {
+        let dt = self.making.tick;
+        if !self.state.is_powered() {
             // Friction.
             let loss = 200_000.0 * dt;
             self.velocity = if self.velocity.abs() <= loss {
@@ -1207,88 +1327,101 @@ impl Drive {
                 self.velocity - loss.copysign(self.velocity)
             };
             self.position += self.velocity * dt;
+            return;
         }
-        self.push *= 0.9;
-        self.note_arrival();
-        let active = self.active.map(|active| active.index);
-        for index in active.into_iter().chain(self.recent) {
-            if let Some(latch) = self.ledger.get_mut(index) {
-                let away = (latch.goal - self.position).abs();
-                latch.axis_nearest = latch.axis_nearest.min(away);
-                if latch.began.is_some_and(|began| self.now >= began + 2) {
-                    latch.axis_came = latch.axis_came.min(away);
-                }
-                if Some(index) == active {
-                    latch.nearest = latch.nearest.min((latch.goal - self.demand).abs());
-                }
+        let away = self.demand - self.position;
+        if self.demand_velocity == 0.0
+            && self.push == 0.0
+            && away.abs() < 1e-3
+            && self.velocity.abs() < 1e-1
+        {
+            self.position = self.demand;
+            self.velocity = 0.0;
+            return;
+        }
+        let steps = (self.making.frequency * dt / 0.25).ceil().max(1.0);
+        let part = dt / steps;
+        let (w, z) = (self.making.frequency, self.making.damping);
+        // The demand of the cycle is followed from where it was.
+        let mut demand = self.demand - self.demand_velocity * dt;
+        for _ in 0..steps as u32 {
+            demand += self.demand_velocity * part;
+            let slip = self.making.feed_forward * self.demand_velocity - self.velocity;
+            let pull = w * w * (demand - self.position) + 2.0 * z * w * slip + self.push;
+            self.velocity += pull * part;
+            self.position += self.velocity * part;
+        }
+        self.push = if self.push.abs() < 1.0 {
+            0.0
+        } else {
+            self.push * 0.9
+        };
+    }
+
+    /// Bit 12 in mode 1.
+    fn step_acknowledge(&mut self, out: &Outputs) {
+        if let Some(left) = self.ack_due {
+            if left > 0 {
+                self.ack_due = Some(left - 1);
+                return;
+            }
+            self.ack = true;
+            self.ack_due = None;
+            if self.making.ack == Ack::Handshake && self.has(Habit::AckOfOneCycle) {
+                self.ack_pulse = true;
+            }
+            if self.has(Habit::AckOf100Ms) {
+                self.ack_hold = self.ticks(0.1);
+            }
+        } else if self.ack_pulse {
+            self.ack = false;
+            self.ack_pulse = false;
+        } else if self.ack && !out.bit(4) {
+            if self.ack_hold > 0 {
+                self.ack_hold -= 1;
+            } else if self.making.ack == Ack::Handshake || self.pending.is_none() {
+                self.ack = false;
             }
         }
     }
 
-    fn step_bits(&mut self, out: &Outputs) {
-        // Bit 12 in mode 1.
-        if let Some(left) = self.ack_due {
-            if left == 0 {
-                self.ack = true;
-                self.ack_due = None;
-                if self.making.ack == Ack::Handshake && self.has(Habit::AckOfOneCycle) {
-                    self.ack_pulse = true;
-                }
-                if self.has(Habit::AckOf100Ms) {
-                    self.ack_hold = self.ticks(MS_100);
-                }
-            } else {
-                self.ack_due = Some(left - 1);
-            }
-        } else if self.ack {
-            if self.ack_pulse {
-                self.ack = false;
-                self.ack_pulse = false;
-            } else if !out.bit(4) {
-                if self.ack_hold > 0 {
-                    self.ack_hold -= 1;
-                } else if self.making.ack == Ack::Handshake || self.pending.is_none() {
-                    self.ack = false;
-                }
-            }
-        }
-        // Bit 10.
-        let goes = self.active.is_some();
-        let halted = out.bit(8);
+    /// Bit 10 in mode 1.
+    fn step_reached(&mut self, out: &Outputs) {
         let at_rest = self.demand_velocity == 0.0;
-        // And with no way to go it stays.
-        let short = self
-            .active
-            .is_some_and(|active| (active.goal - self.demand).abs() <= self.making.window);
-        let waits = goes && (self.wait > 0 || short) && self.show_reached_while_waiting && at_rest;
-        let now = if halted && self.state == State::Enabled {
-            at_rest && !(self.habits.has(Habit::HaltWithoutBit10) && self.mode == 1)
-        } else if goes && self.held > 0 {
-            false
-        } else if waits || self.runs_on.is_some() {
-            true
-        } else if self.habits.has(Habit::Bit10ByWindow) {
-            !goes && (self.position - self.demand).abs() <= self.making.window
+        let by_window = self.habits.has(Habit::Bit10ByWindow);
+        let of_a_rest = if by_window {
+            (self.position - self.demand).abs() <= self.making.window
         } else {
-            !goes && at_rest
+            at_rest
         };
-        if self.habits.has(Habit::HaltWithoutBit10) && halted && at_rest && self.before & 0x100 == 0
-        {
-            self.hits.hit(Habit::HaltWithoutBit10);
-        }
+        let now = if out.bit(8) && self.state == State::Enabled {
+            let quiet = self.habits.has(Habit::HaltWithoutBit10) && self.mode == 1;
+            if quiet && at_rest && self.before & HALT == 0 {
+                self.hits.hit(Habit::HaltWithoutBit10);
+            }
+            at_rest && !quiet
+        } else {
+            match self.active {
+                Some((_, Phase::Runs)) => false,
+                Some((_, Phase::Waits { reached, .. })) => reached,
+                Some((_, Phase::Stands { reached, .. })) => reached && of_a_rest,
+                None => self.runs_on.is_some() || of_a_rest,
+            }
+        };
         self.reached_since = if now {
             self.reached_since.saturating_add(1)
         } else {
             0
         };
-        let needed = if self.habits.has(Habit::Bit10ByWindow) && !waits {
+        let waits = matches!(self.active, Some((_, Phase::Waits { .. })));
+        let needed = if by_window && !waits {
             self.making.window_ticks
         } else {
             0
         };
         let was = self.reached;
         self.reached = now && self.reached_since > needed;
-        if was != self.reached && self.habits.has(Habit::Bit10ByWindow) {
+        if was != self.reached && by_window {
             self.hits.hit(Habit::Bit10ByWindow);
         }
         if self.stale_reached > 0 {
@@ -1297,50 +1430,109 @@ impl Drive {
         }
     }
 
-    fn show(&mut self) {
-        let mut bits = self.state.bits();
-        if let Some((wrong, more)) = self.wrong {
-            bits = wrong;
-            self.wrong = more.checked_sub(1).map(|left| (wrong, left));
+    /// One bit is wrong now and then, for one drive cycle at most. Before that all have been right for two, in frames that arrived.
+    fn step_wrong_bit(&mut self) {
+        const BITS: [(Habit, u16); 3] = [
+            (Habit::Bit10Wrong, REACHED),
+            (Habit::Bit11Wrong, LIMIT),
+            (Habit::Bit12Wrong, ACKNOWLEDGE),
+        ];
+        const WRONG: Habits = Habits::of(&[
+            Habit::Bit10Wrong,
+            Habit::Bit11Wrong,
+            Habit::Bit12Wrong,
+            Habit::WrongBits,
+        ]);
+        if let Some(wrong) = &mut self.wrong_bit {
+            wrong.ticks -= 1;
+            if wrong.ticks == 0 {
+                self.wrong_bit = None;
+                self.right_for = 0;
+            }
+            self.arrived_in_tick = false;
+            return;
         }
-        self.shows_enabled = bits & 0x6F == 0x27 && self.state != State::Enabled;
-        let mut word = bits | 0x0210;
-        let enabled = self.state == State::Enabled;
-        if enabled && self.mode == 6 {
+        self.right_for += u32::from(core::mem::take(&mut self.arrived_in_tick));
+        if self.right_for <= self.wrong_after || !self.habits.any(WRONG) {
+            return;
+        }
+        let drive_cycle = u64::from(self.making.drive_cycle);
+        self.wrong_after = (2 * drive_cycle + self.random.below(80)) as u32;
+        self.right_for = 0;
+        let (habit, bit) = self.random.pick(&BITS);
+        let longer = self.random.one_in(16) && self.habits.has(Habit::WrongBits);
+        if !longer && !self.habits.has(habit) {
+            return;
+        }
+        let answers = self.host_starts && bit == ACKNOWLEDGE;
+        if answers && !longer {
+            return;
+        }
+        self.hits.hit(if longer { Habit::WrongBits } else { habit });
+        let ticks = if longer {
+            2 * drive_cycle + self.random.below(3 * drive_cycle)
+        } else {
+            1 + self.random.below(drive_cycle)
+        } as u32;
+        let high = self.visible.word & bit == 0;
+        self.wrong_bit = Some(WrongBit { bit, high, ticks });
+    }
+
+    fn show(&mut self) {
+        let now = self.shown();
+        self.past[self.now as usize % PAST] = now;
+        if self.hold_inputs > 0 {
+            self.hold_inputs -= 1;
+            return;
+        }
+        if self.making.ages == [0; 4] {
+            self.visible = now;
+            return;
+        }
+        self.hits.hit(Habit::Skew);
+        let [word, mode, position, velocity] = self
+            .making
+            .ages
+            .map(|age| self.past[(self.now + PAST as u64 - u64::from(age)) as usize % PAST]);
+        self.visible = Shown {
+            word: word.word,
+            mode: mode.mode,
+            position: position.position,
+            counts: position.counts,
+            velocity: velocity.velocity,
+            error: word.error,
+        };
+    }
+
+    fn shown(&mut self) -> Shown {
+        let mut bits = self.state.bits();
+        if let Some((wrong, more)) = self.wrong_state {
+            bits = wrong;
+            self.wrong_state = more.checked_sub(1).map(|left| (wrong, left));
+        }
+        let remote = if self.deaf > 0 { 0 } else { 0x0200 };
+        let mut word = bits | 0x0010 | remote;
+        if self.state == State::Enabled && self.mode == 6 {
             let at_rest = self.demand_velocity == 0.0;
             if self.homing.is_some() {
                 // In progress.
             } else if self.homing_failed {
-                word |= 0x2000 | if at_rest { 0x0400 } else { 0 };
+                word |= 0x2000 | if at_rest { REACHED } else { 0 };
             } else if self.homed {
                 let quiet = self.has(Habit::HomingWithoutBit10);
-                word |= 0x1000 | if at_rest && !quiet { 0x0400 } else { 0 };
+                word |= ACKNOWLEDGE | if at_rest && !quiet { REACHED } else { 0 };
             } else if !self.has(Habit::HomingShowsProgress) {
-                word |= 0x0400;
+                word |= REACHED;
             }
         } else {
-            if self.reached || self.glitch {
-                word |= 0x0400;
+            if self.reached {
+                word |= REACHED;
+            }
+            if self.at_limit && self.making.shows_limit {
+                word |= LIMIT;
             }
             if self.ack && self.mode == 1 {
-                word |= 0x1000;
-            }
-        }
-        self.glitch = false;
-        if self.habits.has(Habit::WrongBits) {
-            self.right_bits_for = self.right_bits_for.saturating_add(1);
-            // One at a time.
-            if self.right_bits_for > 20 && self.random.one_in(40) {
-                self.right_bits_for = 0;
-                self.hits.hit(Habit::WrongBits);
-                if enabled && self.mode == 6 && self.homing.is_some() {
-                    word |= self
-                        .random
-                        .pick(&[0x0400, 0x1000, 0x1400, 0x2000, 0x2400, 0x3400]);
-                } else if self.pending.is_some() && self.out.word & 0x10 == 0 && !self.is_over() {
-                    // With bit 4 high it would be the end of an acknowledge.
-                    word &= !0x1000;
-                }
+                word |= ACKNOWLEDGE;
             }
         }
         let mode = match self.flap {
@@ -1355,29 +1547,32 @@ impl Drive {
         } else {
             0
         };
-        let position = (self.position - self.zero).round() as i32 + noise;
-        let position = match self.making.turn {
+        let counts = self.position - self.zero;
+        let counts = (counts + 0.5_f64.copysign(counts)) as i32 + noise;
+        let counts = match self.making.turn {
             Some((least, length)) => {
-                (least + (i64::from(position) - least).rem_euclid(length)) as i32
+                (least + (i64::from(counts) - least).rem_euclid(length)) as i32
             }
-            None => position,
+            None => counts,
         };
-        let velocity = self.velocity.round() as i32
-            + if self.making.velocity_noise > 0 && self.has(Habit::VelocityNoise) {
-                self.random
-                    .between(-self.making.velocity_noise, self.making.velocity_noise)
-            } else {
-                0
-            };
-        let error: u16 = if self.state == State::Fault {
-            0x8611
+        let noise_of_velocity = if self.making.velocity_noise > 0 && self.has(Habit::VelocityNoise)
+        {
+            let noise = self.making.velocity_noise;
+            self.random.between(-noise, noise)
         } else {
             0
         };
-        self.image[0..2].copy_from_slice(&word.to_le_bytes());
-        self.image[2] = mode.cast_unsigned();
-        self.image[3..7].copy_from_slice(&position.to_le_bytes());
-        self.image[7..11].copy_from_slice(&velocity.to_le_bytes());
-        self.image[11..13].copy_from_slice(&error.to_le_bytes());
+        Shown {
+            word,
+            mode,
+            position: self.position + f64::from(noise),
+            counts,
+            velocity: self.velocity as i32 + noise_of_velocity,
+            error: if self.state == State::Fault {
+                0x8611
+            } else {
+                0
+            },
+        }
     }
 }

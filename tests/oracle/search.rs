@@ -1,27 +1,30 @@
 //! The search over seeds, and what is told of it.
 
 use core::fmt;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{
     Mutex,
-    atomic::{AtomicU64, AtomicUsize, Ordering},
+    atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
 };
 use std::time::Instant;
 
-use crate::habits::{ALL, Habit, Habits, Hits};
-use crate::scenario::{self, Cut, Ends, Told, Violation, live};
+use crate::habits::{BEYOND, Habit, Habits, MODEL, Side, all};
+use crate::scenario::{Cut, Lived, Violation, live};
+use crate::tally::Tally;
 
 pub fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
 }
 
 pub struct Search {
+    /// Of these scenarios, and of new ones of this side from this seed on.
     pub kept: Vec<u64>,
+    pub side: Side,
     pub from: u64,
     pub cycles: u64,
-    pub threads: u64,
     /// And for at most so many seconds.
     pub seconds: u64,
+    pub threads: u64,
     /// Ends after so many violations.
     pub keep: u64,
     /// Whether it prints its progress.
@@ -45,71 +48,44 @@ impl Drop for Living {
 #[derive(Default)]
 pub struct Found {
     pub from: u64,
-    pub cycles: u64,
-    pub scenarios: u64,
-    pub set_points: u64,
-    pub hits: Hits,
-    pub ends: Ends,
+    pub tally: Tally,
     pub seconds: f64,
     pub violations: Vec<(u64, Violation)>,
+    /// The first scenarios in which something was said that is not so.
+    wrong: Vec<u64>,
 }
 
-/// Seeds are numbers in order; each is mixed before it is used.
 impl Search {
+    /// Seeds are numbers in order, every other one of a side; each is mixed before it is used.
     pub fn run(&self) -> Found {
         let begin = Instant::now();
-        let next = AtomicU64::new(self.from);
+        let next = AtomicU64::new((self.from & !1) + u64::from(self.side == Side::Outside));
         let kept = AtomicUsize::new(0);
-        let spent = AtomicU64::new(0);
         let found = Mutex::new(Found {
             from: self.from,
             ..Found::default()
         });
+        let done = AtomicBool::new(self.cycles == 0);
         std::thread::scope(|scope| {
             for _ in 0..self.threads.max(1) {
                 scope.spawn(|| {
-                    let mut mine = Found::default();
                     loop {
-                        let place = kept.fetch_add(1, Ordering::Relaxed);
-                        let seed = match self.kept.get(place) {
+                        let seed = match self.kept.get(kept.fetch_add(1, Ordering::Relaxed)) {
                             Some(&seed) => seed,
-                            None if spent.load(Ordering::Relaxed) >= self.cycles
-                                || begin.elapsed().as_secs() >= self.seconds =>
-                            {
-                                break;
-                            }
-                            None => next.fetch_add(1, Ordering::Relaxed),
+                            None if done.load(Ordering::Relaxed) => break,
+                            None => next.fetch_add(2, Ordering::Relaxed),
                         };
-                        let told = {
+                        let lived = {
                             let _living = Living(seed);
                             live(seed, &Cut::default(), false)
                         };
-                        let before = spent.fetch_add(told.cycles, Ordering::Relaxed);
-                        if self.progress && before / PROGRESS != (before + told.cycles) / PROGRESS {
-                            let million = before as f64 / 1e6;
-                            let broken = found.lock().expect("no panic in here").violations.len();
-                            eprint!("\r{million:.0} million cycles, {broken} violations   ");
-                        }
-                        mine.cycles += told.cycles;
-                        mine.scenarios += 1;
-                        mine.set_points += told.set_points;
-                        mine.hits.add(&told.hits);
-                        mine.ends.add(told.ends);
-                        if let Some(violation) = told.violation {
-                            let mut found = found.lock().expect("no panic in here");
-                            found.violations.push((seed, violation));
-                            if found.violations.len() as u64 >= self.keep {
-                                spent.store(u64::MAX / 2, Ordering::Relaxed);
-                                break;
-                            }
-                        }
+                        let mut found = found.lock().expect("no panic in here");
+                        found.take(seed, &lived, self.progress);
+                        let over = found.tally.cycles >= self.cycles
+                            || begin.elapsed().as_secs() >= self.seconds
+                            || found.violations.len() as u64 >= self.keep;
+                        done.store(over, Ordering::Relaxed);
                     }
-                    let mut found = found.lock().expect("no panic in here");
-                    found.cycles += mine.cycles;
-                    found.scenarios += mine.scenarios;
-                    found.set_points += mine.set_points;
-                    found.hits.add(&mine.hits);
-                    found.ends.add(mine.ends);
                 });
             }
         });
@@ -123,99 +99,117 @@ impl Search {
 }
 
 impl Found {
-    /// How many of the moves that have ended, by themselves or nobody knows how, may be of the latter kind.
-    const DOUBTFUL_PERCENT: u64 = 2;
-
-    /// Whether the core says too often that it does not know: with that alone each of the laws would hold.
-    pub const fn doubts_too_much(&self) -> bool {
-        let Ends {
-            arrived, doubtful, ..
-        } = self.ends;
-        doubtful * 100 > (arrived + doubtful) * Self::DOUBTFUL_PERCENT
+    fn take(&mut self, seed: u64, lived: &Lived, progress: bool) {
+        let before = self.tally.cycles;
+        self.tally.add(&lived.tally);
+        if lived.tally.ends.wrong > 0 && self.wrong.len() < 8 {
+            self.wrong.push(seed);
+        }
+        let violation = lived.violation.clone();
+        self.violations
+            .extend(violation.map(|violation| (seed, violation)));
+        if progress && before / PROGRESS != self.tally.cycles / PROGRESS {
+            let million = before as f64 / 1e6;
+            let broken = self.violations.len();
+            eprint!("\r{million:.0} million cycles, {broken} violations   ");
+        }
     }
 
-    /// Habits that were hit less than once in a million cycles: what they are to try was hardly tried.
-    pub fn rare(&self) -> Vec<Habit> {
-        let least = self.cycles / 1_000_000;
-        let hits = scenario::habits_of(self.from).iter().copied();
-        let rare = hits.zip(self.hits.0).filter(|(_, times)| *times < least);
-        rare.map(|(habit, _)| habit).collect()
+    /// Habits of a side that were hit less often than that: what they are to try was hardly tried.
+    pub fn rare(&self, side: Side, least: u64) -> Vec<Habit> {
+        let of = match side {
+            Side::Inside => MODEL,
+            Side::Outside => BEYOND,
+        };
+        let mut rare = of.to_vec();
+        rare.retain(|habit| self.tally.hits.of(*habit) < least);
+        rare
     }
+}
+
+fn percent(part: u64, of: u64) -> f64 {
+    part as f64 * 100.0 / of.max(1) as f64
 }
 
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let tally = &self.tally;
+        let (ends, sound) = (tally.ends, tally.sound);
         writeln!(
             f,
             "oracle: {} axis-cycles in {} scenarios from seed {} on, {} set-points taken, {} violations, {:.1} s, {:.2} million cycles a second",
-            self.cycles,
-            self.scenarios,
+            tally.cycles,
+            tally.scenarios,
             self.from,
-            self.set_points,
+            tally.set_points,
             self.violations.len(),
             self.seconds,
-            self.cycles as f64 / self.seconds / 1e6
+            tally.cycles as f64 / self.seconds / 1e6
         )?;
-        let Ends {
-            arrived,
-            ended,
-            doubtful,
-        } = self.ends;
         writeln!(
             f,
-            "of the moves that were taken {arrived} arrived, {ended} were ended by the program or the drive, and of {doubtful} that is not known"
+            "of the moves that were taken {} arrived, {} were ended by the program or the drive, and {} ({:.2} %) are unknown; of drives without \
+             habits {} of {} ({:.3} %)",
+            ends.arrived,
+            ends.ended,
+            ends.unknown,
+            percent(ends.unknown, ends.all()),
+            sound.unknown,
+            sound.all(),
+            percent(sound.unknown, sound.all())
         )?;
-        let of = scenario::habits_of(self.from).iter();
-        let rarest = of.zip(self.hits.0).min_by_key(|(_, times)| *times);
-        if let Some((habit, times)) = rarest {
-            writeln!(f, "the rarest habit, {habit:?}, showed {times} times")?;
-        }
-        for (habit, times) in ALL.iter().zip(self.hits.0) {
-            writeln!(f, "{times:12} {habit:?}")?;
+        writeln!(
+            f,
+            "of {} what was said is not so ({:.3} %), as in the scenarios {:?}; the core had nothing to do in {:.0} % of the cycles, and in {:.0} % \
+             while the axis moved",
+            ends.wrong,
+            percent(ends.wrong, ends.all()),
+            self.wrong,
+            percent(tally.idle.0, tally.cycles),
+            percent(tally.idle.1, tally.cycles)
+        )?;
+        for habit in all() {
+            writeln!(f, "{:12} {habit:?}", tally.hits.of(habit))?;
         }
         // What is alike is told once: the same law, broken with the same habits.
         let mut alike: BTreeMap<(&str, String), Vec<u64>> = BTreeMap::new();
+        let mut told = BTreeSet::new();
         for (seed, violation) in &self.violations {
             let cut = shrink(*seed, violation.law);
-            let told = live(*seed, &cut, false);
-            let habits: Vec<_> = told.habits.iter().collect();
-            alike
-                .entry((violation.law, format!("{habits:?}")))
-                .or_default()
-                .push(*seed);
+            let lived = live(*seed, &cut, true);
+            let habits: Vec<_> = lived.habits.iter().collect();
+            let kind = (violation.law, format!("{habits:?}"));
+            if told.insert(kind.clone()) {
+                writeln!(f, "\n{}", text(*seed, &lived, &cut))?;
+            }
+            alike.entry(kind).or_default().push(*seed);
         }
         for ((law, habits), seeds) in &alike {
+            let some = &seeds[..seeds.len().min(8)];
             writeln!(
                 f,
-                "BROKEN {law}, with {habits}: seeds {:?}",
-                &seeds[..seeds.len().min(8)]
+                "BROKEN {law}, with {habits}: {} seeds, {some:?}",
+                seeds.len()
             )?;
-        }
-        for (seed, violation) in &self.violations {
-            if alike
-                .iter()
-                .any(|((law, _), seeds)| *law == violation.law && seeds.first() == Some(seed))
-            {
-                writeln!(f, "\n{}", report(*seed, violation))?;
-            }
         }
         Ok(())
     }
 }
 
 /// Leaves out of a scenario what the same law is broken without.
-pub fn shrink(seed: u64, law: &str) -> Cut {
+fn shrink(seed: u64, law: &str) -> Cut {
     let breaks = |cut: &Cut| {
-        let told = live(seed, cut, false);
-        told.violation
+        let lived = live(seed, cut, false);
+        lived
+            .violation
             .is_some_and(|violation| violation.law == law)
-            .then_some(told.commands)
+            .then_some(lived.commands)
     };
     let mut cut = Cut::default();
     let Some(mut commands) = breaks(&cut) else {
         return cut;
     };
-    for &habit in ALL {
+    for habit in all() {
         let mut less = cut.clone();
         less.habits = less.habits.with(habit);
         if breaks(&less).is_some() {
@@ -246,25 +240,19 @@ pub fn shrink(seed: u64, law: &str) -> Cut {
     cut
 }
 
-fn report(seed: u64, violation: &Violation) -> String {
-    let cut = shrink(seed, violation.law);
-    let told = live(seed, &cut, true);
-    text(seed, &told, &cut)
-}
-
-fn text(seed: u64, told: &Told, cut: &Cut) -> String {
-    let habits: Vec<_> = Habits(told.habits.0 & !cut.habits.0).iter().collect();
+fn text(seed: u64, lived: &Lived, cut: &Cut) -> String {
+    let habits: Vec<_> = Habits(lived.habits.0 & !cut.habits.0).iter().collect();
     let mut text = format!(
-        "seed {seed}, made smaller: habits {habits:?}, {} of {} commands left\n{}\n",
-        told.commands as usize - cut.commands.len().min(told.commands as usize),
-        told.commands,
-        told.making
+        "seed {seed}: habits {habits:?}, {} of {} commands left\n{}\n",
+        lived.commands as usize - cut.commands.len().min(lived.commands as usize),
+        lived.commands,
+        lived.making
     );
-    for line in &told.transcript {
+    for line in &lived.transcript {
         text.push_str(line);
         text.push('\n');
     }
-    if let Some(violation) = &told.violation {
+    if let Some(violation) = &lived.violation {
         text.push_str(&format!(
             "{}: {} (cycle {})\n",
             violation.law, violation.what, violation.cycle
@@ -273,11 +261,13 @@ fn text(seed: u64, told: &Told, cut: &Cut) -> String {
     text
 }
 
-/// Runs the scenario of a seed for a person to read.
+/// Runs the scenario of a seed for a person to read, made smaller if it breaks a law.
 pub fn print(seed: u64) {
-    let told = live(seed, &Cut::default(), true);
-    match &told.violation {
-        Some(violation) => panic!("{}", report(seed, violation)),
-        None => println!("{}", text(seed, &told, &Cut::default())),
-    }
+    let lived = live(seed, &Cut::default(), true);
+    let Some(violation) = &lived.violation else {
+        println!("{}", text(seed, &lived, &Cut::default()));
+        return;
+    };
+    let cut = shrink(seed, violation.law);
+    panic!("{}", text(seed, &live(seed, &cut, true), &cut));
 }
