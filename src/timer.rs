@@ -96,6 +96,11 @@ impl Lasting {
         self.has_lasted()
     }
 
+    /// It is to last for this time from now on.
+    pub fn restart(&mut self, time: Duration) {
+        self.0 = self.0.map(|_| Timer::new(time));
+    }
+
     /// Whether the last sample showed it.
     pub const fn holds(self) -> bool {
         self.0.is_some()

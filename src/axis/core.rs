@@ -169,10 +169,12 @@ impl AxisCore {
             News::Shown | News::Lost | News::Silent => true,
         };
         let is_due = answered && nanoseconds(now) >= self.attention.0.due;
-        if counts || is_due {
+        // The first one writes what is kept from then on.
+        if counts || is_due || number == 1 {
             self.step_machines(now, news, outputs);
+            return true;
         }
-        counts || is_due
+        false
     }
 
     #[inline(never)]

@@ -8,7 +8,7 @@ use crate::{
     ds402::{Controlword, Mode, ModeBits, PowerCommand, State, Statusword},
     profile_position::{
         Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, Failure, LastSeen,
-        Rest, Rules, WaitingFor,
+        Rules, WaitingFor,
     },
     timer::{Due, Elapsed, Timer, nanoseconds},
 };
@@ -257,7 +257,7 @@ impl Machines {
     /// Where rest is to be counted anew, the axis does not stand.
     fn doubt_rest(&self, step: &mut Step<'_>) {
         if self.counts_rest_anew.0 {
-            step.evidence.rest = Rest::Moving;
+            step.evidence.rest = None;
         }
     }
 

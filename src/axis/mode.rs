@@ -162,12 +162,12 @@ impl Modes {
     }
 
     /// Whether the drive follows a set-point of any mode, or may.
-    pub const fn has_motion(&self) -> bool {
+    pub fn has_motion(&self) -> bool {
         self.sequencer.has_set_point() || self.homing.has_motion() || self.jogging.has_motion()
     }
 
     /// Whether nothing waits and nothing is under way, in any mode.
-    pub const fn is_idle(&self) -> bool {
+    pub fn is_idle(&self) -> bool {
         self.sequencer.is_idle()
             && self.homing.is_idle()
             && self.jogging.is_idle()

@@ -7,7 +7,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Mode, Sample, State, Statusword},
-    profile_position::{Bounds, Evidence, LastSeen, Rest, ShownBit, Standstill},
+    profile_position::{Bounds, Evidence, LastSeen, ShownBit, Standstill},
     timer::{Due, Elapsed, nanoseconds},
 };
 
@@ -20,7 +20,7 @@ pub(super) struct Observed {
     pub sample: Option<Sample>,
     /// The position before it.
     before: i32,
-    rest: Rest,
+    rest: Option<i32>,
     pub standstill: Standstill,
     reached: ShownBit,
     acknowledge: ShownBit,
@@ -101,7 +101,7 @@ impl Observed {
         Self {
             sample: None,
             before: 0,
-            rest: Rest::Moving,
+            rest: None,
             standstill: Standstill::default(),
             reached: ShownBit::default(),
             acknowledge: ShownBit::default(),
@@ -227,7 +227,7 @@ impl Observed {
     /// Rest counts from now on: the axis may set off, or is told to stop.
     pub const fn count_rest_anew(&mut self) {
         self.standstill.begin_anew();
-        self.rest = Rest::Moving;
+        self.rest = None;
     }
 
     /// Nothing has been seen of the drive as it is now.
@@ -235,7 +235,7 @@ impl Observed {
     pub fn forget_drive(&mut self) {
         self.sample = None;
         self.standstill = Standstill::default();
-        self.rest = Rest::Moving;
+        self.rest = None;
         self.noted_mode = Mode::None;
     }
 

@@ -24,12 +24,17 @@ impl Ends {
         }
     }
 
-    /// From one of these positions to the other, the shorter way.
-    pub fn between(a: i32, b: i32, bounds: &Bounds) -> Self {
-        let way = bounds.way(a, b);
+    /// These, and all between them and the others.
+    pub fn with(self, other: Self, bounds: &Bounds) -> Self {
+        if self == Self::ANYWHERE || other == Self::ANYWHERE {
+            return Self::ANYWHERE;
+        }
+        let last = |ends: Self| bounds.way(self.from, ends.from) + i64::from(ends.width);
+        let first = bounds.way(self.from, other.from).min(0);
+        let width = last(self).max(last(other)) - first;
         Self {
-            from: if way < 0 { b } else { a },
-            width: u32::try_from(way.unsigned_abs()).unwrap_or(u32::MAX),
+            from: bounds.after(self.from, first as i32),
+            width: u32::try_from(width).unwrap_or(u32::MAX),
         }
     }
 
@@ -56,9 +61,20 @@ impl Ends {
         bounds.after(self.from, half)
     }
 
-    /// Whether an axis at this position is within the window of one of them.
+    /// Whether an axis at this position is within the window of the end: of all of them, where they are known, else of one.
     #[inline]
     pub fn contain(&self, position: i32, bounds: &Bounds) -> bool {
+        if !self.are_known(bounds) {
+            return self.may_contain(position, bounds);
+        }
+        let window = i64::from(bounds.position);
+        let way = bounds.way(self.from, position);
+        way <= window && way >= i64::from(self.width) - window
+    }
+
+    /// Whether an axis at this position is within the window of one of them.
+    #[inline]
+    pub fn may_contain(&self, position: i32, bounds: &Bounds) -> bool {
         self.width == u32::MAX || self.outside(position, bounds) == 0
     }
 

@@ -75,22 +75,14 @@ impl ShownBit {
     }
 }
 
-/// Whether the axis stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Rest {
-    Moving,
-    Standing,
-    /// It stood in the last cycle, and has left that place.
-    Left,
-}
-
 /// What one cycle shows of the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Evidence {
     /// Position actual value 6064h, and that of the sample before.
     pub position: i32,
     pub before: i32,
-    pub rest: Rest,
+    /// Where the axis stands, if it does.
+    pub rest: Option<i32>,
     /// Cycles before this one are missing: their frames were lost, or the host stood still.
     pub blind: bool,
     /// Bits 10, 12 and 13.
@@ -102,7 +94,7 @@ pub(crate) struct Evidence {
 impl Evidence {
     #[inline]
     pub const fn stands(&self) -> bool {
-        matches!(self.rest, Rest::Standing)
+        self.rest.is_some()
     }
 }
 

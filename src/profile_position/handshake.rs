@@ -69,24 +69,14 @@ impl Low {
 pub(super) struct Sent {
     pub request: Request,
     pub ends: Ends,
+    /// Where the axis stood before.
+    pub place: Option<i32>,
     /// The axis may pass its end and come back.
     pub turns: bool,
     /// The way shows when the one before it is over.
     pub shown_by_way: bool,
     /// From the first frame after it on: until bit 12 has to answer.
-    answer: Timer,
-}
-
-impl Sent {
-    pub const fn new(request: Request, ends: Ends, turns: bool, shown_by_way: bool) -> Self {
-        Self {
-            request,
-            ends,
-            turns,
-            shown_by_way,
-            answer: Timer::OVER,
-        }
-    }
+    pub answer: Timer,
 }
 
 /// Bit 4 is high.

@@ -23,7 +23,7 @@ pub(crate) use events::Events;
 pub use events::{CommandId, Completion, Event};
 #[cfg(test)]
 pub(crate) use evidence::Eyes;
-pub(crate) use evidence::{Bit, Cycle, Evidence, Rest, Rules, ShownBit};
+pub(crate) use evidence::{Bit, Cycle, Evidence, Rules, ShownBit};
 pub use failure::{
     Delivery, Doubt, Failure, FailureClass, Inhibit, ParameterFault, Unrest, Unsupported,
     WaitingFor, WorkingCounter,

@@ -8,8 +8,8 @@
 use crate::timer::{Due, Lasting, Timer};
 
 use super::{
-    Bit, BufferMode, CommandId, Completion, Cycle, Delivery, Doubt, Ends, Event, Events, Evidence,
-    Failure, Rest, Rules,
+    Bit, Bounds, BufferMode, CommandId, Completion, Cycle, Delivery, Doubt, Ends, Event, Events,
+    Evidence, Failure, Rules,
 };
 
 /// Set-points that a drive holds at most (S2).
@@ -20,6 +20,8 @@ const HELD: usize = 2;
 pub(crate) struct Observer {
     entries: [Option<Entry>; HELD],
     worlds: Worlds,
+    /// Where the axis stands, or stood before it set off.
+    place: Option<i32>,
     /// While the axis is at rest with the same bit 10: until that has lasted for [`Deadlines::begin`](crate::axis::Deadlines::begin).
     rest: Lasting,
     /// While bit 10 is high: until it has been so for the settle time.
@@ -44,8 +46,9 @@ pub(crate) struct Entry {
     pub shown_by_way: bool,
     sighting: Sighting,
     report: Report,
-    /// Until what is shown is surely of after the acknowledge.
+    /// Until what is shown is surely of after its acknowledge; and of after its beginning, since that is sure.
     seen: Timer,
+    begun: Timer,
     /// Until it has begun, if it ever does (S3).
     begin: Timer,
 }
@@ -56,6 +59,8 @@ enum Sighting {
     None,
     /// And cycles are missing, or bit 10 was high elsewhere: the drive may have ended it there.
     Doubtful,
+    /// In each sample since its turn, whether it has begun or not.
+    Staying(i32),
     At(i32),
 }
 
@@ -162,6 +167,7 @@ impl Observer {
         Self {
             entries: [None; HELD],
             worlds: Worlds::NONE,
+            place: None,
             rest: Lasting::NOT,
             high: Lasting::NOT,
             beyond: Lasting::NOT,
@@ -178,9 +184,9 @@ impl Observer {
         }
     }
 
-    /// Whether the drive may hold a set-point.
-    pub const fn holds_any(&self) -> bool {
-        self.entries[0].is_some()
+    /// Whether the drive may hold a set-point that leads on.
+    pub fn has_way(&self) -> bool {
+        self.has_untold() || self.runs_on()
     }
 
     /// Whether the drive goes on at an end velocity when the last one has ended.
@@ -203,18 +209,25 @@ impl Observer {
         self.last_ends = None;
     }
 
-    /// The drive has acknowledged this one. With `Aborting` it is the only one from now on (S2).
-    pub fn push(&mut self, entry: Entry, events: &mut Events) {
+    /// The drive has acknowledged this one. With `Aborting` it is the only one from now on (S2). `place`: where the axis stood before.
+    pub fn push(
+        &mut self,
+        entry: Entry,
+        place: Option<i32>,
+        rules: &Rules<'_>,
+        events: &mut Events,
+    ) {
         if entry.start == BufferMode::Aborting {
             self.fail_all(Failure::Superseded, events);
         }
-        let place = self.count();
-        let Some(free) = self.entries.get_mut(place) else {
+        let behind = self.count();
+        let Some(free) = self.entries.get_mut(behind) else {
             return;
         };
         *free = Some(entry);
-        let waits = Worlds::WAITING.and(Worlds::of_entry(place));
-        self.worlds = if place == 0 {
+        self.place = self.place.or(place);
+        let waits = Worlds::WAITING.and(Worlds::of_entry(behind));
+        self.worlds = if behind == 0 {
             waits
         } else if self.worlds.has(Worlds::DONE.or(Worlds::RUNS_ON)) {
             // The first has ended: it is the turn of this one.
@@ -224,23 +237,29 @@ impl Observer {
         } else {
             self.worlds
         };
-        (self.rest, self.beyond) = (Lasting::NOT, Lasting::NOT);
+        self.rest.restart(rules.begin);
+        self.beyond.restart(rules.bounds.settle);
     }
 
     /// One cycle in Operation enabled and mode 1. Whether the drive may hold a set-point that only a stop makes known (`NeedsStop`).
     pub fn step(&mut self, cycle: &Cycle<'_>, known: Known, events: &mut Events) -> bool {
-        if !self.holds_any() {
+        if self.count() == 0 {
             return false;
         }
         self.pass_time(cycle);
-        self.note_sightings(cycle, known);
-        let possible = self.worlds.successors(self.count(), self.runs_on());
+        let evidence = &cycle.evidence;
+        let before = self.worlds;
+        let possible = before.successors(self.count(), self.runs_on());
         let left = possible.without(self.ruled_out(cycle, known));
         self.worlds = if left.is_empty() {
             self.surprised(possible)
         } else {
             left
         };
+        self.note_sightings(cycle, known, before);
+        if evidence.stands() || self.has_left(evidence, &cycle.rules) {
+            self.place = evidence.rest;
+        }
         !cycle.halted && self.judge(cycle, known, events)
     }
 
@@ -254,12 +273,22 @@ impl Observer {
 
     fn pass_time(&mut self, cycle: &Cycle<'_>) {
         let (evidence, rules) = (&cycle.evidence, &cycle.rules);
-        for entry in self.entries.iter_mut().flatten() {
+        for (place, entry) in self.entries.iter_mut().enumerate() {
+            let Some(entry) = entry else { continue };
             entry.seen.pass(cycle.elapsed);
+            if !self
+                .worlds
+                .has(Worlds::WAITING.and(Worlds::of_entry(place)))
+            {
+                entry.begun.pass(cycle.elapsed);
+            }
         }
         if cycle.halted {
             // S7: bit 10 says nothing of set-points, and their time does not run.
             self.restart_times(rules);
+            for entry in self.entries.iter_mut().flatten() {
+                (entry.seen, entry.begun) = (rules.seen(), rules.seen());
+            }
             return;
         }
         if let Some(first) = &mut self.entries[0] {
@@ -275,12 +304,19 @@ impl Observer {
 
     /// Times of the set-points begin anew.
     fn restart_times(&mut self, rules: &Rules<'_>) {
-        self.rest = Lasting::NOT;
-        self.high = Lasting::NOT;
-        self.beyond = Lasting::NOT;
+        self.rest.restart(rules.begin);
+        self.high.restart(rules.bounds.settle);
+        self.beyond.restart(rules.bounds.settle);
         for entry in self.entries.iter_mut().flatten() {
             entry.begin = rules.timer(rules.begin);
         }
+    }
+
+    /// Whether the axis has left the place where it stood.
+    fn has_left(&self, evidence: &Evidence, rules: &Rules<'_>) -> bool {
+        let position = evidence.position;
+        self.place
+            .is_some_and(|place| !rules.bounds.is_within_window(place, position))
     }
 
     /// Whether the axis was at the first end and has covered half of the way to the second, where that shows that the first is over (A2).
@@ -317,12 +353,10 @@ impl Observer {
         let stands = evidence.stands();
         // S4: with bit 10 low the last one has not ended.
         rule(low, Worlds::DONE.or(Worlds::RUNS_ON));
-        // S4: with bit 10 high none is under way at rest; nor, for so long, in motion, where the last one goes on at its end velocity. One that
-        // is sure to be the active one settles.
-        let is_over = high && (stands || self.runs_on()) && !full;
-        rule(is_over, Worlds::RUNNING);
+        // S4: with bit 10 high none is under way at rest, but for one that is sure to be the active one: it settles.
+        rule(high && stands && !full, Worlds::RUNNING);
         // A1: an axis that leaves its rest is led by one that has begun.
-        rule(evidence.rest == Rest::Left, Worlds::WAITING);
+        rule(self.has_left(evidence, rules), Worlds::WAITING);
         // A2.
         rule(self.beyond.has_lasted(), Worlds::FIRST);
         for (place, entry) in self.entries.iter().enumerate() {
@@ -332,9 +366,11 @@ impl Observer {
                 && entry.ends.contain(evidence.position, rules.bounds);
             // S3: with bit 10 low for it, it has begun.
             rule(low && entry.seen.is_over(), Worlds::WAITING.and(worlds));
-            // S4: at the last end with bit 10 high it is over.
+            // S4: the last one is over at its end with bit 10 high; or in motion with bit 10 high for so long, if it goes on.
+            let goes_on = entry.runs_on && self.high.has_lasted();
             let is_last = place + 1 == count;
-            rule(high && at_end && is_last, Worlds::RUNNING.and(worlds));
+            let is_over = high && is_last && entry.begun.is_over() && (at_end || goes_on);
+            rule(is_over, Worlds::RUNNING.and(worlds));
             // S3: by now it has begun, if it was not at rest with bit 10 high all the time.
             let begun = place == 0 && entry.begin.is_over() && (at_end || !self.rest.holds());
             rule(begun, Worlds::WAITING.and(worlds));
@@ -342,8 +378,8 @@ impl Observer {
         out
     }
 
-    /// Only a sample proves that the axis was at an end.
-    fn note_sightings(&mut self, cycle: &Cycle<'_>, known: Known) {
+    /// Only a sample proves that the axis was at an end. `worlds`: before this sample.
+    fn note_sightings(&mut self, cycle: &Cycle<'_>, known: Known, worlds: Worlds) {
         let (evidence, bounds) = (&cycle.evidence, cycle.rules.bounds);
         let (before, position) = (evidence.before, evidence.position);
         let count = self.count();
@@ -357,7 +393,7 @@ impl Observer {
         });
         for (place, entry) in self.entries.iter_mut().enumerate() {
             let Some(entry) = entry else { continue };
-            let worlds = Worlds::of_entry(place);
+            let own = Worlds::of_entry(place);
             let is_last = place + 1 == count;
             // Another may have taken over in the drive.
             let follower = match known.on_its_way {
@@ -366,32 +402,32 @@ impl Observer {
                 OnItsWay::Behind(start) => Some(start),
                 OnItsWay::Instead | OnItsWay::Unknown => Some(BufferMode::Buffered),
             };
+            let has_follower = follower.is_some();
             let full = known.room.is_some_and(Bit::is_high) && count == HELD;
             let follower = follower.filter(|_| !(full && place == 0));
             let may_be_active = if place == 0 {
-                self.worlds.has(worlds)
+                worlds.has(own)
             } else {
-                self.worlds.without(worlds).is_empty() || crossed_first
+                worlds.without(own).is_empty() || crossed_first
             };
             if !may_be_active {
                 continue;
             }
             let at_end = entry.ends.contain(position, bounds);
-            if let Some(follower) = follower {
-                let elsewhere = !cycle.halted && evidence.reached.shows_high() && !at_end;
-                if (evidence.blind || elsewhere) && entry.sighting == Sighting::None {
-                    entry.sighting = Sighting::Doubtful;
-                }
-                let met = at_end
-                    || (follower == BufferMode::Blending
-                        && entry.ends.are_met(before, position, bounds));
-                let waits = self.worlds.has(Worlds::WAITING.and(worlds)) && !evidence.stands();
-                if met && !waits && entry.sighting != Sighting::Doubtful {
-                    entry.sighting = Sighting::At(position);
-                }
-            } else if entry.ends.are_met(before, position, bounds) {
-                entry.sighting = Sighting::At(position);
-            }
+            let elsewhere = !cycle.halted && evidence.reached.shows_high() && !at_end;
+            let doubtful = (has_follower && elsewhere) || (follower.is_some() && evidence.blind);
+            let passes = follower != Some(BufferMode::Buffered);
+            let met = at_end || (passes && entry.ends.are_met(before, position, bounds));
+            let waits = self.worlds.has(Worlds::WAITING.and(own));
+            entry.sighting = match entry.sighting {
+                Sighting::None | Sighting::Staying(_) if doubtful => Sighting::Doubtful,
+                Sighting::Doubtful if follower.is_some() => Sighting::Doubtful,
+                Sighting::Staying(at) if !met && !waits => Sighting::At(at),
+                Sighting::Staying(_) if !met => Sighting::None,
+                sighting if !met || (waits && entry.was_met()) => sighting,
+                _ if waits => Sighting::Staying(position),
+                _ => Sighting::At(position),
+            };
         }
     }
 
@@ -455,7 +491,9 @@ impl Observer {
         if reached {
             self.report(0, Ok(Completion::Reached { position }), events);
             self.last_ends = Some(entry.ends);
-            self.clear();
+            if !waits {
+                self.clear();
+            }
             return false;
         }
         if self.worlds == Worlds::DONE.and(Worlds::FIRST) {
@@ -463,7 +501,8 @@ impl Observer {
                 // What shows may be of the next one.
                 return false;
             }
-            let failure = if ends_are_known {
+            let elsewhere = !entry.ends.may_contain(position, rules.bounds);
+            let failure = if ends_are_known && elsewhere {
                 Failure::MissedTarget {
                     target: entry.ends.middle(rules.bounds),
                     actual: position,
@@ -504,6 +543,15 @@ impl Observer {
         true
     }
 
+    /// Where those may end whose outcome is not reported.
+    pub fn untold(&self, bounds: &Bounds) -> Option<Ends> {
+        let held = self.entries.iter().flatten();
+        let untold = held.filter(|entry| entry.report != Report::Outcome);
+        let mut ends = untold.map(|entry| entry.ends);
+        let first = ends.next()?;
+        Some(ends.fold(first, |all, ends| all.with(ends, bounds)))
+    }
+
     /// Whether there is one whose outcome is not reported.
     pub fn has_untold(&self) -> bool {
         let mut held = self.entries.iter().flatten();
@@ -530,6 +578,7 @@ impl Observer {
     const fn clear(&mut self) {
         self.entries = [None; HELD];
         self.worlds = Worlds::NONE;
+        self.place = None;
     }
 
     /// The drive has dropped all of them, or will (S6).
@@ -559,7 +608,6 @@ impl Observer {
         for entry in self.entries.iter_mut().flatten() {
             entry.shown_by_way = false;
             entry.turns = true;
-            entry.seen = rules.seen();
             if entry.report == Report::Halted {
                 entry.report = Report::Nothing;
             }
@@ -609,6 +657,7 @@ impl Entry {
             sighting: Sighting::None,
             report: Report::Nothing,
             seen: rules.seen(),
+            begun: rules.seen(),
             begin: rules.timer(rules.begin),
         }
     }
@@ -627,10 +676,12 @@ impl Entry {
     fn passed_into(&self, next: BufferMode, cycle: &Cycle<'_>) -> Result<Completion, Failure> {
         let actual = cycle.evidence.position;
         match self.sighting {
-            Sighting::At(_) if next == BufferMode::Blending => {
+            Sighting::At(_) | Sighting::Staying(_) if next == BufferMode::Blending => {
                 Ok(Completion::Passed { position: actual })
             }
-            Sighting::At(position) => Ok(Completion::Reached { position }),
+            Sighting::At(position) | Sighting::Staying(position) => {
+                Ok(Completion::Reached { position })
+            }
             Sighting::None | Sighting::Doubtful => Err(cycle.unknown(Doubt::Unseen)),
         }
     }

@@ -100,8 +100,8 @@ impl Sequencer {
     }
 
     /// Whether the drive has a set-point or may have one.
-    pub const fn has_set_point(&self) -> bool {
-        self.needs_stop || self.observer.holds_any() || self.handshake.is_under_way()
+    pub fn has_set_point(&self) -> bool {
+        self.needs_stop || self.observer.has_way() || self.handshake.is_under_way()
     }
 
     /// Whether only a stop makes known what the drive holds.
@@ -110,7 +110,7 @@ impl Sequencer {
     }
 
     /// Whether no move waits or is under way.
-    pub const fn is_idle(&self) -> bool {
+    pub fn is_idle(&self) -> bool {
         !self.has_set_point() && self.pending.is_empty() && self.handshake.is_low()
     }
 
@@ -330,11 +330,11 @@ impl Sequencer {
         entry.turns = sent.turns;
         entry.shown_by_way = sent.shown_by_way;
         let (position, bounds) = (cycle.evidence.position, cycle.rules.bounds);
-        if !self.observer.holds_any() && ends.are_known(bounds) && ends.contain(position, bounds) {
+        if self.observer.count() == 0 && ends.are_known(bounds) && ends.contain(position, bounds) {
             entry.meet(position);
         }
         events.push(id, Event::Accepted);
-        self.observer.push(entry, events);
+        self.observer.push(entry, sent.place, &cycle.rules, events);
     }
 
     /// Whether the drive holds it is not known: every move is refused from now on.
@@ -402,7 +402,14 @@ impl Sequencer {
             let stops = !last.turns && !last.runs_on;
             stops || (start == BufferMode::Blending && !last.was_met())
         });
-        let sent = Sent::new(request, ends, turns, shown_by_way);
+        let sent = Sent {
+            request,
+            ends,
+            place: cycle.evidence.rest,
+            turns,
+            shown_by_way,
+            answer: Timer::OVER,
+        };
         let full = cycle.evidence.acknowledge.shows_high()
             || (shows_room(rules.traits) && self.observer.count() == 2);
         self.handshake = Handshake::High(Raised {
@@ -524,26 +531,31 @@ impl Sequencer {
             .filter(|_| start != BufferMode::Aborting)
         {
             // At the end of the move before all bases are the same. In motion the axis is behind it by the following error.
-            let is_there =
-                !before.runs_on && (start == BufferMode::Buffered || base == RelativeBase::Demand);
+            let stands = cycle.evidence.stands() && before.ends.contain(position, rules.bounds);
+            let is_there = !before.runs_on
+                && (start == BufferMode::Buffered || base == RelativeBase::Demand || stands);
             return if is_there {
                 before.ends
             } else {
                 Ends::ANYWHERE
             };
         }
-        let arrived = previous.filter(|ends| ends.contain(position, rules.bounds));
-        let rests = !self.observer.has_untold() && !self.observer.runs_on();
-        match (arrived, base) {
-            (Some(ends), _) if rests && ends.are_known(rules.bounds) => {
-                Ends::between(ends.middle(rules.bounds), position, rules.bounds)
-            }
-            (None, RelativeBase::Actual | RelativeBase::Demand)
-                if rests && cycle.evidence.stands() =>
-            {
-                Ends::at(position)
-            }
-            _ => Ends::ANYWHERE,
+        // It counts from where the axis is or was led to. What has not ended may lead it on before the drive takes this one.
+        let bounds = rules.bounds;
+        let untold = self.observer.untold(bounds);
+        let arrived = previous.filter(|ends| ends.contain(position, bounds));
+        let arrived = arrived.filter(|_| untold.is_none());
+        if self.observer.runs_on() || !(cycle.evidence.stands() || arrived.is_some()) {
+            return Ends::ANYWHERE;
+        }
+        let mut from = Ends::at(position);
+        for ends in untold.into_iter().chain(arrived) {
+            from = from.with(ends, bounds);
+        }
+        match (base, previous) {
+            (RelativeBase::Actual | RelativeBase::Demand, _) => from,
+            (_, Some(previous)) => from.with(previous, bounds),
+            (_, None) => Ends::ANYWHERE,
         }
     }
 }

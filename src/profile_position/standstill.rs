@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::timer::{Due, Elapsed, Timer, nanoseconds};
 
-use super::{Bounds, Rest, Unrest};
+use super::{Bounds, Unrest};
 
 /// Follows the position from sample to sample.
 #[derive(Debug, Clone, Copy, Hash, Default)]
@@ -15,7 +15,7 @@ pub(crate) struct Standstill {
 }
 
 impl Standstill {
-    /// Takes in a sample. `blind`: samples before it are missing.
+    /// Takes in a sample; where the axis stands, if it does. `blind`: samples before it are missing.
     #[inline]
     pub fn update(
         &mut self,
@@ -23,20 +23,16 @@ impl Standstill {
         elapsed: Elapsed,
         blind: bool,
         bounds: &Bounds,
-    ) -> Rest {
+    ) -> Option<i32> {
         match self.from {
             Some(from) if bounds.is_within_window(from, position) => {
                 if !self.left.is_over() {
                     self.count(position, elapsed, blind, bounds);
                 }
-                self.rest()
             }
-            _ => {
-                let stood = self.is_standing();
-                self.begin(position, bounds);
-                if stood { Rest::Left } else { Rest::Moving }
-            }
+            _ => self.begin(position, bounds),
         }
+        self.place()
     }
 
     fn count(&mut self, position: i32, elapsed: Elapsed, blind: bool, bounds: &Bounds) {
@@ -53,12 +49,9 @@ impl Standstill {
         self.left = Timer::new(bounds.settle);
     }
 
-    const fn rest(&self) -> Rest {
-        if self.is_standing() {
-            Rest::Standing
-        } else {
-            Rest::Moving
-        }
+    /// Where the axis stands, if it does.
+    pub const fn place(&self) -> Option<i32> {
+        if self.is_standing() { self.from } else { None }
     }
 
     /// Whether the axis stood in the last cycle with inputs. Without any it is not known to stand.
@@ -132,8 +125,8 @@ mod tests {
     }
 
     /// Shows these positions, one a millisecond; the rest of the last.
-    fn after(standstill: &mut Standstill, positions: impl IntoIterator<Item = i32>) -> Rest {
-        let mut rest = Rest::Moving;
+    fn after(standstill: &mut Standstill, positions: impl IntoIterator<Item = i32>) -> Option<i32> {
+        let mut rest = None;
         for position in positions {
             rest = standstill.update(position, Elapsed(MS), false, &bounds());
         }
@@ -143,18 +136,18 @@ mod tests {
     #[test]
     fn an_axis_stands_when_it_has_stayed_within_the_window_for_the_settle_time() {
         let mut standstill = Standstill::default();
-        assert_eq!(after(&mut standstill, [0; 100]), Rest::Moving);
-        assert_eq!(after(&mut standstill, [10]), Rest::Standing);
-        assert_eq!(after(&mut standstill, [-10]), Rest::Standing);
-        assert_eq!(after(&mut standstill, [11]), Rest::Left);
-        assert_eq!(after(&mut standstill, [11]), Rest::Moving);
+        assert_eq!(after(&mut standstill, [0; 100]), None);
+        assert_eq!(after(&mut standstill, [10]), Some(0));
+        assert_eq!(after(&mut standstill, [-10]), Some(0));
+        assert_eq!(after(&mut standstill, [11]), None);
+        assert_eq!(after(&mut standstill, [11]), None);
     }
 
     #[test]
     fn an_axis_that_goes_on_slowly_stands_by_the_window_alone() {
         let stands = |slowness: i32| {
             let mut standstill = Standstill::default();
-            (0..1_000).any(|ms| after(&mut standstill, [ms / slowness]) == Rest::Standing)
+            (0..1_000).any(|ms| after(&mut standstill, [ms / slowness]).is_some())
         };
         assert!(!stands(9));
         assert!(stands(11));
@@ -189,8 +182,8 @@ mod tests {
         after(&mut standstill, [0; 200]);
         standstill.begin_anew();
         assert!(!standstill.is_standing());
-        assert_eq!(after(&mut standstill, [0; 100]), Rest::Moving);
-        assert_eq!(after(&mut standstill, [0]), Rest::Standing);
+        assert_eq!(after(&mut standstill, [0; 100]), None);
+        assert_eq!(after(&mut standstill, [0]), Some(0));
     }
 
     #[test]

@@ -100,6 +100,8 @@ pub struct Latch {
     pub way: f64,
     /// Whether the core can know where it leads, to a window.
     pub known: bool,
+    /// It waits for another one to end.
+    pub behind: bool,
     /// It began, or was taken, while the axis was on its way.
     pub in_motion: bool,
     /// When the drive set off for it, and when its demand came to its end or to the limit.
@@ -837,7 +839,9 @@ impl Drive {
         let limit = self.limit_of(from, goal);
         let known = !relative
             || (!self.base_lost
-                && behind.is_none_or(|before| self.ledger[before.index].known)
+                && behind.is_none_or(|before| {
+                    self.ledger[before.index].known && before.end_velocity == 0.0
+                })
                 && (!moves || self.making.base == Base::PreviousTarget));
         let now = self.now;
         let index = self.ledger.len();
@@ -853,6 +857,7 @@ impl Drive {
             limit,
             way: (goal - from).abs(),
             known,
+            behind: behind.is_some(),
             in_motion: moves,
             began: None,
             arrived: None,
@@ -1125,12 +1130,12 @@ impl Drive {
         .copysign(way);
         let near = way.abs() <= (2.0 * active.deceleration * dt * dt).max(0.5);
         let slow = self.demand_velocity.abs() <= 4.0 * active.deceleration * dt;
-        let latch = &mut self.ledger[active.index];
-        let early = latch.began == Some(self.now) && !self.making.at_once;
-        if near && slow && !early {
+        let began = self.ledger[active.index].began;
+        let early = began == Some(self.now) && !self.making.at_once;
+        if near && slow && !early && (way == 0.0 || self.stops_at(active, way)) {
             self.demand = active.to;
             self.demand_velocity = 0.0;
-            latch.arrived.get_or_insert(self.now);
+            self.ledger[active.index].arrived.get_or_insert(self.now);
             self.at_limit = active.limited;
             let reached = active.limited || self.pending.is_none() || self.making.rises_between;
             let ticks = if active.limited {

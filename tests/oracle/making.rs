@@ -24,7 +24,6 @@ pub struct Made {
     /// From one frame to the next, and how many of them one cycle of the drive takes.
     pub period: Duration,
     pub slow: u64,
-    pub shows_velocity: bool,
     pub program: Program,
     /// Of the core: whether it steps on outputs that are kept, and whether another beside it steps the other way.
     pub kept: bool,
@@ -87,7 +86,6 @@ impl Made {
             config,
             period,
             slow,
-            shows_velocity,
             program,
             kept: random.one_in(2),
             both: random.one_in(8),

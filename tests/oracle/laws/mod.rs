@@ -20,10 +20,8 @@ use crate::scenario::{Kind, Scenario};
 #[derive(Default)]
 pub struct Watch {
     window: f64,
-    /// Cycles of the settle time, and of that where 606Ch may shorten it.
+    /// Cycles of the settle time.
     pub settle: usize,
-    shorter: usize,
-    shows_velocity: bool,
     pub halt_coasts: bool,
     /// The core knows what distances count from, and where bit 12 shows room.
     base_is_known: bool,
@@ -91,8 +89,6 @@ impl Watch {
         Self {
             window: f64::from(tolerances.position),
             settle,
-            shorter: (settle / 8).max(4 * made.slow as usize),
-            shows_velocity: made.shows_velocity,
             halt_coasts: config.stop_options.halt == Some(0),
             base_is_known: config.traits.relative_base != RelativeBase::Undocumented,
             room_is_shown: config.traits.buffer_signal == BufferSignal::Acknowledge,
@@ -102,8 +98,9 @@ impl Watch {
             stop_limit: cycles(deadlines.standstill + 2 * tolerances.settle) + 20,
             send_limit: cycles(deadlines.acknowledge + deadlines.begin + 2 * tolerances.settle)
                 + 20,
-            begin_limit: cycles(deadlines.begin + deadlines.acknowledge + 4 * tolerances.settle)
-                + 200,
+            begin_limit: cycles(
+                2 * deadlines.begin + deadlines.acknowledge + 4 * tolerances.settle,
+            ) + 200,
             acknowledge: cycles(deadlines.acknowledge),
             ..Self::default()
         }
@@ -172,12 +169,16 @@ impl Scenario {
         self.drive.velocity.abs() * settle >= self.watch.window / 2.0 && !self.stood(0)
     }
 
-    /// Whether the axis, `ago` cycles before now, had stayed where it was for the settle time. Where 606Ch is mapped an eighth of that
-    /// time within an eighth of the window shows it as well, by the definition of standstill; before that it may have moved.
+    /// Whether the axis, `ago` cycles before now, had stayed where it was for the settle time.
     fn stood(&self, ago: usize) -> bool {
         let watch = &self.watch;
         self.stayed(watch.settle, 2.5 * watch.window, ago)
-            || (watch.shows_velocity && self.stayed(watch.shorter, 2.5 * watch.window / 8.0, ago))
+    }
+
+    /// Whether the axis has stayed where it is for so long that nobody can miss it.
+    pub fn surely_stood(&self) -> bool {
+        let watch = &self.watch;
+        self.stayed(watch.settle + watch.answer as usize, watch.window / 2.0, 1)
     }
 
     /// Whether in so many cycles up to `ago` cycles before now it has stayed within this, and what 6064h adds to that.

@@ -5,7 +5,7 @@ use servocrab::ds402;
 
 use crate::cable::Told;
 use crate::drive::{Ack, End, Latch};
-use crate::outcome::{Class, class, is_unsent, leaves_open};
+use crate::outcome::{Class, is_unsent, leaves_open, name};
 use crate::scenario::{Issued, Kind, Scenario};
 use crate::words::{HALT, START_BITS};
 
@@ -27,6 +27,9 @@ impl Scenario {
         while let Some(latch) = self.drive.ledger.get(self.watch.ledger_seen).copied() {
             let index = self.watch.ledger_seen;
             self.watch.ledger_seen += 1;
+            // What it counts from shows where the axis is known to stand.
+            let stood = self.surely_stood();
+            self.drive.ledger[index].known &= stood || !latch.relative || latch.behind;
             let name = latch.out.velocity.wrapping_sub(self.program.speed);
             self.say(|scenario| {
                 let (demand, mode) = (scenario.drive.demand, scenario.sent.mode);
@@ -78,6 +81,8 @@ impl Scenario {
         self.watch.at_rest_since = self.cycle;
         let issued = &mut self.issued[id as usize];
         issued.accepted = true;
+        let latch = issued.latch.map(|index| self.drive.ledger[index]);
+        issued.arrived_before = latch.is_some_and(|latch| latch.arrived.is_some());
         let issued = *issued;
         if !self.is_inside() {
             return Ok(());
@@ -102,7 +107,7 @@ impl Scenario {
             Ok(Completion::Reached { .. }) => "Reached",
             Ok(Completion::Passed { .. }) => "Passed",
             Ok(_) => "Done",
-            Err(failure) => class(failure).name(),
+            Err(failure) => name(failure.class()),
         };
         self.lived.tally.seen.insert((kind, how));
         self.judge_phase(id, said)?;
@@ -189,7 +194,7 @@ impl Scenario {
     fn judge_move(&mut self, id: u32, said: &Said) -> Result<(), ()> {
         let issued = self.issued[id as usize];
         let failure = said.err();
-        let how = failure.map(|failure| class(&failure));
+        let how = failure.map(|failure| failure.class());
         if failure.is_some_and(|failure| leaves_open(&failure)) {
             self.watch.needs_stop = true;
         }
@@ -243,7 +248,7 @@ impl Scenario {
         };
         let was_there = latch.nearest <= self.drive.no_way();
         if let Err(failure) = said {
-            let missed = class(failure) == Class::Missed;
+            let missed = failure.class() == Class::Missed;
             let superseded = matches!(failure, Failure::Superseded) && issued.accepted;
             let limited = latch.limit.is_some() && latch.arrived.is_some();
             // A drive that forgets it, or whose shaft is blocked, has ended it elsewhere as well.
@@ -276,7 +281,11 @@ impl Scenario {
         let latch = &ledger[index];
         // Of what the axis passes while it halts the core claims nothing. Nor does an end show that it passes before its acknowledge.
         let short = latch.way <= 3.0 * self.watch.window.max(self.in_a_tick(latch));
-        if latch.relative || issued.halted || (latch.out.end_velocity != 0 && short) {
+        if latch.relative
+            || issued.halted
+            || issued.arrived_before
+            || (latch.out.end_velocity != 0 && short)
+        {
             return false;
         }
         if self.watch.room_is_shown && self.drive.making.ack == Ack::Buffer {
