@@ -193,11 +193,14 @@ impl Procedure {
                 }
                 // The drive has surely seen bit 4 low in this mode, and shows the bits of this mode.
                 let is_seen = seen.is_some_and(Timer::is_over);
+                // D1: what an earlier homing has left in bit 12 is known.
+                let acknowledge = cycle.evidence.acknowledge;
+                let is_steady = acknowledge.is_high() || acknowledge.is_low();
                 if let Some((id, command)) = *waiting {
                     if command.is_late(cycle.now) {
                         let failure = cycle.timeout(WaitingFor::HomingEnd, Delivery::NotSent);
                         self.withdraw_unsent(failure, events);
-                    } else if is_seen && cycle.delivered && !cycle.halted {
+                    } else if is_seen && cycle.delivered && !cycle.halted && is_steady {
                         self.stage = HomingPhase::High(Run::new(id, command, cycle));
                     }
                 }
@@ -271,21 +274,17 @@ enum Left {
     Low,
     /// It was high, and has been since.
     High,
-    /// It was high, and has been low since, if that word was not wrong.
+    /// It was high, and has been low since.
     Fallen,
 }
 
 impl Left {
     const fn of(bit: Bit) -> Self {
-        if bit.shows_high() {
-            Self::High
-        } else {
-            Self::Low
-        }
+        if bit.is_low() { Self::Low } else { Self::High }
     }
 
     fn note(&mut self, bit: Bit) {
-        if *self == Self::High && !bit.shows_high() {
+        if *self == Self::High && bit.is_low() {
             *self = Self::Fallen;
         }
     }

@@ -116,8 +116,8 @@ pub struct Issued {
     /// Its bit 4 went out with its name.
     pub sent: bool,
     pub accepted: bool,
-    /// The drive had led the axis to its end by its acknowledge.
-    pub arrived_before: bool,
+    /// The cycle of its acknowledge.
+    pub acknowledged: u64,
     /// Its end says that the drive has not got it.
     pub unsent: bool,
     pub done: bool,

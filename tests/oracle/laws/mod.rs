@@ -178,7 +178,8 @@ impl Scenario {
     /// Whether the axis has stayed where it is for so long that nobody can miss it.
     pub fn surely_stood(&self) -> bool {
         let watch = &self.watch;
-        self.stayed(watch.settle + watch.answer as usize, watch.window / 2.0, 1)
+        let cycles = watch.settle + watch.answer as usize;
+        watch.trail.len() > cycles && self.stayed(cycles, watch.window / 2.0, 1)
     }
 
     /// Whether in so many cycles up to `ago` cycles before now it has stayed within this, and what 6064h adds to that.

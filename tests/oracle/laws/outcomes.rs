@@ -81,8 +81,7 @@ impl Scenario {
         self.watch.at_rest_since = self.cycle;
         let issued = &mut self.issued[id as usize];
         issued.accepted = true;
-        let latch = issued.latch.map(|index| self.drive.ledger[index]);
-        issued.arrived_before = latch.is_some_and(|latch| latch.arrived.is_some());
+        issued.acknowledged = self.cycle;
         let issued = *issued;
         if !self.is_inside() {
             return Ok(());
@@ -279,11 +278,12 @@ impl Scenario {
         };
         let ledger = &self.drive.ledger;
         let latch = &ledger[index];
-        // Of what the axis passes while it halts the core claims nothing. Nor does an end show that it passes before its acknowledge.
+        // Of what the axis passes while it halts the core claims nothing. Nor does an end show to which it comes before bit 10 is surely its own.
+        let seen = issued.acknowledged + self.watch.answer;
         let short = latch.way <= 3.0 * self.watch.window.max(self.in_a_tick(latch));
         if latch.relative
             || issued.halted
-            || issued.arrived_before
+            || latch.arrived.is_some_and(|at| at <= seen)
             || (latch.out.end_velocity != 0 && short)
         {
             return false;
