@@ -274,7 +274,7 @@ enum Left {
     Low,
     /// It was high, and has been since.
     High,
-    /// It was high, and has been low since.
+    /// It was high, and has been low since, if that word was not wrong.
     Fallen,
 }
 
@@ -284,7 +284,7 @@ impl Left {
     }
 
     fn note(&mut self, bit: Bit) {
-        if *self == Self::High && bit.is_low() {
+        if *self == Self::High && !bit.shows_high() {
             *self = Self::Fallen;
         }
     }

@@ -4,6 +4,8 @@
 
 mod bounds;
 mod circle;
+#[cfg(test)]
+mod dialogues;
 mod ends;
 mod events;
 mod evidence;
