@@ -330,7 +330,6 @@ fn settings(
     config.traits.drive_cycle = or(Extreme::DriveCycle, Duration::from_millis(1));
     config.tolerances = Tolerances {
         position: window,
-        velocity: u32::MAX,
         settle: or(Extreme::Settle, Duration::from_millis(5)),
     };
     if is(&[Extreme::Deadlines]) {

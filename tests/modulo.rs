@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Link, Rig};
-use servocrab::axis::{Command, Completion, CoreConfig, Event, Failure};
+use servocrab::axis::{Command, Completion, CoreConfig, Doubt, Event, Failure, Unsupported};
 use servocrab::profile_position::{
     BufferMode, BufferSignal, Limits, PositionRange, RelativeBase, SetPoint,
 };
@@ -147,10 +147,10 @@ fn where_bit_12_shows_nothing_the_next_move_waits_for_the_arrival_and_a_blend_is
     let blend = rig.abs(90, SetPoint::new().buffer_mode(BufferMode::Blending));
     assert!(matches!(
         rig.finish(blend),
-        Err(Failure::Unsupported {
+        Err(Failure::Unsupported(Unsupported::Start {
             buffer_mode: BufferMode::Blending,
             ..
-        })
+        }))
     ));
     let second = rig.abs(1_000, SetPoint::new().buffer_mode(BufferMode::Buffered));
     rig.run_until(3_000, |rig| rig.drive.position() > 60_000);
@@ -239,7 +239,11 @@ fn a_way_to_the_far_side_while_no_inputs_come_does_not_lead_to_the_end() {
         assert!(
             matches!(
                 end,
-                Err(Failure::MissedTarget { .. } | Failure::Unseen { .. })
+                Err(Failure::MissedTarget { .. }
+                    | Failure::Unknown {
+                        doubt: Doubt::Unseen,
+                        ..
+                    })
             ),
             "{end:?}"
         );
@@ -249,8 +253,6 @@ fn a_way_to_the_far_side_while_no_inputs_come_does_not_lead_to_the_end() {
 #[test]
 fn an_axis_at_the_seam_stands_though_its_position_jumps() {
     let mut rig = table(SHORTEST, |config| {
-        // Without 606Ch the position tells.
-        config.fields.actual_velocity = None;
         config.tolerances.position = 10;
     });
     for n in 0..300 {

@@ -477,31 +477,26 @@ fn assert_reached_moves_are_ok(signal: BufferSignal, start: Start) {
 }
 
 #[test]
-#[ignore = "the observer mends it"]
 fn a_clamped_move_from_rest_is_not_reached_where_bit_12_shows_the_buffer() {
     assert_no_clamped_move_is_ok(Acknowledge, AtRest);
 }
 
 #[test]
-#[ignore = "the observer mends it"]
 fn a_clamped_move_from_rest_is_not_reached_where_bit_12_follows_bit_4() {
     assert_no_clamped_move_is_ok(FOLLOWS, AtRest);
 }
 
 #[test]
-#[ignore = "the observer mends it"]
 fn a_clamped_move_in_motion_is_not_reached_where_bit_12_shows_the_buffer() {
     assert_no_clamped_move_is_ok(Acknowledge, InMotion);
 }
 
 #[test]
-#[ignore = "the observer mends it"]
 fn a_clamped_move_in_motion_is_not_reached_where_bit_12_follows_bit_4() {
     assert_no_clamped_move_is_ok(FOLLOWS, InMotion);
 }
 
 #[test]
-#[ignore = "the observer mends it"]
 fn a_reached_move_from_rest_is_not_missed_where_bit_12_shows_the_buffer() {
     assert_no_reached_move_has_missed(Acknowledge, AtRest);
 }

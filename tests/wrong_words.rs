@@ -15,7 +15,7 @@ const WORDS: [u16; 9] = [
     0x0200, 0x0250, 0x0231, 0x0233, 0x0237, 0x0217, 0x023F, 0x0238, 0x022A,
 ];
 
-fn rig(option: i16, shows_velocity: bool) -> Rig {
+fn rig(option: i16) -> Rig {
     let behaviour = Behaviour {
         quick_stop_option: option,
         ..Behaviour::akd2g()
@@ -24,9 +24,6 @@ fn rig(option: i16, shows_velocity: bool) -> Rig {
         config.quick_stop = QuickStopOption(option);
         // What is tried here ends before the drive counts as lost.
         config.loss.undelivered_cycles = 400;
-        if !shows_velocity {
-            config.fields.actual_velocity = None;
-        }
     });
     // A quick stop of a fifth of a second, and slow ramps.
     rig.drive.set(0x6085, 0, 200_000).unwrap();
@@ -34,8 +31,8 @@ fn rig(option: i16, shows_velocity: bool) -> Rig {
 }
 
 /// On its way at 50 000 counts/s.
-fn moving(option: i16, shows_velocity: bool) -> (Rig, CommandId) {
-    let mut rig = rig(option, shows_velocity);
+fn moving(option: i16) -> (Rig, CommandId) {
+    let mut rig = rig(option);
     rig.enable();
     let id = rig.abs(10_000_000, SetPoint::new().deceleration(200_000));
     rig.wait_accepted(id);
@@ -111,22 +108,20 @@ fn is_usable(rig: &mut Rig, what: &str) {
 fn one_wrong_word_does_not_let_a_moving_axis_coast() {
     for option in 0..=8 {
         for word in WORDS {
-            for shows_velocity in [true, false] {
-                let what = format!("605Ah {option}, {word:04X}, 606Ch {shows_velocity}");
-                let (mut rig, id) = moving(option, shows_velocity);
-                rig.forged = Some(word);
-                cycle(&mut rig, option, &what);
-                if matches!(word, 0x0237 | 0x022A) {
-                    // What it is, and what is no state at all: nothing has happened.
-                    rig.run(100);
-                    assert!(rig.drive.velocity() > 40_000.0, "{what}");
-                    assert_eq!(rig.outcome(id), None, "{what}");
-                    continue;
-                }
-                assert!(rig.outcome(id).is_some(), "{what}");
-                to_rest(&mut rig, option, &what);
-                is_usable(&mut rig, &what);
+            let what = format!("605Ah {option}, {word:04X}");
+            let (mut rig, id) = moving(option);
+            rig.forged = Some(word);
+            cycle(&mut rig, option, &what);
+            if matches!(word, 0x0237 | 0x022A) {
+                // What it is, and what is no state at all: nothing has happened.
+                rig.run(100);
+                assert!(rig.drive.velocity() > 40_000.0, "{what}");
+                assert_eq!(rig.outcome(id), None, "{what}");
+                continue;
             }
+            assert!(rig.outcome(id).is_some(), "{what}");
+            to_rest(&mut rig, option, &what);
+            is_usable(&mut rig, &what);
         }
     }
 }
@@ -160,11 +155,11 @@ impl Real {
     ];
 
     /// An axis that does that, and the command that it is under way for.
-    fn make(self, option: i16, shows_velocity: bool) -> (Rig, Option<CommandId>) {
+    fn make(self, option: i16) -> (Rig, Option<CommandId>) {
         let (rig, id) = match self {
             Self::Halted => return (halted(option), None),
             Self::QuickStop => {
-                let (mut rig, _) = moving(option, shows_velocity);
+                let (mut rig, _) = moving(option);
                 let stop = rig.send(Command::QuickStop);
                 rig.run(2);
                 assert_eq!(
@@ -175,7 +170,7 @@ impl Real {
                 (rig, Some(stop))
             }
             Self::FaultReaction => {
-                let (mut rig, _) = moving(option, shows_velocity);
+                let (mut rig, _) = moving(option);
                 rig.drive.set(0x605E, 0, 2).unwrap();
                 rig.drive.inject_fault(0x7305);
                 rig.run(30);
@@ -183,12 +178,12 @@ impl Real {
                 (rig, None)
             }
             Self::Standing => {
-                let mut rig = rig(option, shows_velocity);
+                let mut rig = rig(option);
                 rig.enable();
                 (rig, None)
             }
             Self::Enabling(cycles) => {
-                let mut rig = rig(option, shows_velocity);
+                let mut rig = rig(option);
                 rig.run(200);
                 let enable = rig.send(Command::Enable);
                 rig.run(cycles);
@@ -210,10 +205,8 @@ fn nor_one_that_stops_already_and_one_that_stands_is_not_set_going() {
                 continue;
             }
             for word in WORDS {
-                // With 606Ch and without, in turn.
-                let shows_velocity = (usize::from(word) + option as usize).is_multiple_of(2);
-                let what = format!("605Ah {option}, {real:?}, {word:04X}, 606Ch {shows_velocity}");
-                let (mut rig, id) = real.make(option, shows_velocity);
+                let what = format!("605Ah {option}, {real:?}, {word:04X}");
+                let (mut rig, id) = real.make(option);
                 let at = rig.drive.position();
                 rig.forged = Some(word);
                 cycle(&mut rig, option, &what);
@@ -251,7 +244,7 @@ fn nor_does_it_while_something_is_asked_for() {
             for command in COMMANDS {
                 for (before, after) in [(0, 0), (0, 1), (1, 0), (3, 0), (40, 0), (600, 0)] {
                     let what = format!("605Ah {option}, {word:04X}, {before} {command:?} {after}");
-                    let (mut rig, _) = moving(option, true);
+                    let (mut rig, _) = moving(option);
                     let mut id = None;
                     if after == 0 {
                         id = Some(rig.send(command));
@@ -291,7 +284,7 @@ fn a_stop_that_ends_well_ends_at_standstill_whatever_one_word_shows() {
             ] {
                 for wait in [0, 1, 2, 5, 20, 100, 180, 240] {
                     let what = format!("605Ah {option}, {word:04X} {wait} after {command:?}");
-                    let (mut rig, _) = moving(option, true);
+                    let (mut rig, _) = moving(option);
                     let id = rig.send(command);
                     for _ in 0..wait {
                         cycle(&mut rig, option, &what);
@@ -318,7 +311,7 @@ fn a_stop_that_ends_well_ends_at_standstill_whatever_one_word_shows() {
 #[test]
 fn a_fault_is_reset_only_at_standstill_and_when_it_was_shown_for_two_drive_cycles() {
     for reaction in [0, 2] {
-        let (mut rig, _) = moving(2, true);
+        let (mut rig, _) = moving(2);
         rig.drive.set(0x605E, 0, reaction).unwrap();
         rig.drive.inject_fault(0x7305);
         rig.cycle();
@@ -342,7 +335,7 @@ fn a_fault_is_reset_only_at_standstill_and_when_it_was_shown_for_two_drive_cycle
 #[test]
 fn a_disable_during_a_fault_reset_is_done_at_standstill_and_leaves_the_reset_its_end() {
     for wait in 0..30 {
-        let (mut rig, _) = moving(2, true);
+        let (mut rig, _) = moving(2);
         rig.drive.set(0x605E, 0, 2).unwrap();
         rig.drive.inject_fault(0x7305);
         // In the reaction, and later in Fault and behind it.
@@ -367,7 +360,7 @@ fn a_disable_during_a_fault_reset_is_done_at_standstill_and_leaves_the_reset_its
 fn stops_in_a_fault_reaction_are_done_when_the_axis_stands() {
     for command in [Command::Stop, Command::QuickStop, Command::Disable] {
         for before in [false, true] {
-            let (mut rig, _) = moving(2, false);
+            let (mut rig, _) = moving(2);
             rig.drive.set(0x605E, 0, 1).unwrap();
             let early = before.then(|| rig.send(command));
             rig.cycle();
@@ -411,7 +404,7 @@ fn every_state_may_follow_every_other() {
                 for at in 0..cycles {
                     for &lane in lanes {
                         let what = format!("{first:04X} {second:04X} {command:?} {at} {lane}");
-                        let (mut rig, id) = moving(2, true);
+                        let (mut rig, id) = moving(2);
                         let mut stop = None;
                         for (cycle, word) in [Some(first), Some(second), None].iter().enumerate() {
                             if cycle == at {
@@ -451,7 +444,7 @@ fn every_state_may_follow_every_other() {
 
 /// Standing halted, with a set-point that the drive keeps.
 fn halted(option: i16) -> Rig {
-    let (mut rig, _) = moving(option, true);
+    let (mut rig, _) = moving(option);
     let halt = rig.send(Command::Halt);
     assert!(rig.finish(halt).is_ok());
     assert!(rig.core.snapshot().has_set_point);
@@ -490,7 +483,7 @@ fn a_stop_that_ends_well_has_abandoned_the_set_point_whatever_one_word_shows() {
 #[test]
 fn an_axis_is_not_enabled_by_one_wrong_word() {
     for wait in 0..12 {
-        let mut rig = rig(2, true);
+        let mut rig = rig(2);
         rig.run(200);
         let id = rig.send(Command::Enable);
         rig.run(wait);
@@ -506,7 +499,7 @@ fn an_axis_is_not_enabled_by_one_wrong_word() {
 fn a_drive_that_is_enabled_before_it_was_told_to_is_led_down_first() {
     let mut early = 0;
     for wait in 0..12 {
-        let mut rig = rig(2, true);
+        let mut rig = rig(2);
         rig.run(200);
         let id = rig.send(Command::Enable);
         rig.run(wait);
@@ -527,7 +520,7 @@ fn a_drive_that_is_enabled_before_it_was_told_to_is_led_down_first() {
 #[test]
 fn words_of_a_drive_without_power_do_not_enable_an_axis_that_moves() {
     for word in [0x0250, 0x0231, 0x0233] {
-        let (mut rig, _) = moving(6, true);
+        let (mut rig, _) = moving(6);
         let mut enable = None;
         for wrong in 0..600 {
             if wrong < 5 {
