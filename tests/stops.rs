@@ -6,16 +6,13 @@ mod common;
 use core::time::Duration;
 
 use common::{Link, Rig};
-use servocrab::axis::{
-    Command, CommandId, Completion, Delivery, Event, Failure, StopRequest, Tolerances,
-};
+use servocrab::axis::{Command, CommandId, Completion, Delivery, Event, Failure, StopRequest};
 use servocrab::coe::obj;
 use servocrab::drives;
 use servocrab::ds402::{Mode, QuickStopOption, State};
-use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::SetPoint;
 use servocrab::profile_velocity::JogSetPoint;
-use servocrab_sim::ds402::{self, Behaviour, Machine, Plant};
+use servocrab_sim::ds402::{self, Behaviour, Plant};
 
 #[test]
 fn a_halt_keeps_the_set_point_and_resume_completes_it() {
@@ -44,40 +41,8 @@ fn a_halt_keeps_the_set_point_and_resume_completes_it() {
     let resume = rig.send(Command::Resume);
     rig.cycle();
     assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
-    // Bit 10 is that of the set-point again, which is over with it.
-    rig.run(20);
-    rig.run_until(5_000, |rig| rig.drive.statusword() & 0x0400 != 0);
-    rig.run(2);
-    assert!(rig.outcome(id).is_some());
     rig.assert_reached(id, 50_000);
     assert_eq!(rig.ledger().len(), 1);
-}
-
-#[test]
-fn a_move_that_is_stopped_or_disabled_is_not_told_that_it_is_halted() {
-    for (command, failure) in [
-        (
-            Command::Stop,
-            Failure::QuickStopped {
-                delivery: Delivery::Accepted,
-            },
-        ),
-        (
-            Command::Disable,
-            Failure::Disabled {
-                state: State::SwitchOnDisabled,
-            },
-        ),
-    ] {
-        let mut rig = Rig::enabled();
-        let id = rig.abs(50_000, SetPoint::new());
-        rig.wait_accepted(id);
-        rig.run(200);
-        let stop = rig.send(command);
-        assert!(rig.finish(stop).is_ok());
-        let told = [Event::Accepted, Event::Done(Err(failure))];
-        assert_eq!(rig.reports(id), told, "{command:?}");
-    }
 }
 
 /// What ends a move says whether its bit 4 had gone out, and whether the drive had acknowledged it.
@@ -112,23 +77,6 @@ fn a_move_that_is_stopped_says_how_far_its_set_point_came() {
     rig.send(Command::Halt);
     let delivery = Delivery::NotSent;
     assert_eq!(rig.outcome(unsent), Some(Err(Failure::Halted { delivery })));
-}
-
-#[test]
-fn a_halt_during_a_quick_stop_is_done_with_that() {
-    let mut rig = Rig::enabled();
-    let id = rig.abs(50_000, SetPoint::new());
-    rig.wait_accepted(id);
-    rig.run(200);
-    let state = State::SwitchOnDisabled;
-    let stops = [Command::Halt, Command::QuickStop, Command::Halt].map(|command| {
-        let stop = rig.send(command);
-        rig.cycle();
-        stop
-    });
-    for stop in stops {
-        assert_eq!(rig.finish(stop), Ok(Completion::Stopped { state }));
-    }
 }
 
 #[test]
@@ -177,64 +125,6 @@ fn a_stop_that_lasts_too_long_ends_without_power() {
     rig.run(2_000);
     assert!(!rig.moves());
     assert_eq!(rig.core.snapshot().state, State::SwitchOnDisabled);
-}
-
-#[test]
-fn a_disable_is_done_with_the_word_that_shows_it() {
-    let mut rig = Rig::enabled();
-    let id = rig.abs(50_000, SetPoint::new());
-    rig.wait_accepted(id);
-    rig.run(200);
-    let disable = rig.send(Command::Disable);
-    let shown = |rig: &Rig| rig.core.snapshot().state == State::SwitchOnDisabled;
-    rig.run_until(2_000, |rig| shown(rig));
-    assert_eq!(
-        rig.outcome(disable),
-        Some(Ok(Completion::Stopped {
-            state: State::SwitchOnDisabled
-        }))
-    );
-}
-
-#[test]
-fn an_axis_stopped_while_bit_4_is_high_moves_again_when_it_is_enabled_again() {
-    const NEW_SET_POINT: u16 = 1 << 4;
-    for command in [Command::Stop, Command::QuickStop, Command::Disable] {
-        let mut rig = Rig::enabled();
-        let first = rig.abs(10_000, SetPoint::new());
-        rig.run_until(10, |rig| rig.word() & NEW_SET_POINT != 0);
-        rig.run(1);
-        assert!(!rig.accepted(first) && rig.word() & NEW_SET_POINT != 0);
-        let stop = rig.send(command);
-        assert!(rig.finish(stop).is_ok(), "{command:?}");
-        assert!(rig.outcome(first).is_some_and(|end| end.is_err()));
-        rig.enable();
-        let second = rig.abs(-10_000, SetPoint::new());
-        rig.assert_reached(second, -10_000);
-    }
-}
-
-#[test]
-fn stop_halts_first_and_then_abandons() {
-    let mut rig = Rig::enabled();
-    let id = rig.abs(50_000, SetPoint::new());
-    rig.wait_accepted(id);
-    rig.run(200);
-    let from = rig.words.len();
-    let stop = rig.send(Command::Stop);
-    assert!(matches!(
-        rig.finish(stop),
-        Ok(Completion::Stopped {
-            state: State::SwitchOnDisabled
-        })
-    ));
-    assert_eq!(rig.distinct_words(from), [0x10F, 0x10B]);
-    assert_eq!(
-        rig.outcome(id),
-        Some(Err(Failure::QuickStopped {
-            delivery: Delivery::Accepted
-        }))
-    );
 }
 
 #[test]
@@ -385,23 +275,15 @@ fn a_resume_is_done_with_the_frame_that_was_sent_and_not_beside_a_halt() {
 /// Cycles of 1 ms from bit 8 until it is known that it does nothing: until the drive has surely seen it, and twice 100 ms.
 const NOTICED: usize = 206;
 
-/// A drive that can do all modes. Its shaft is ideal: these are the figures of docs/motion.md.
+/// A drive that can be jogged. Its shaft is ideal: these are the figures of docs/motion.md.
 fn ideal() -> Rig {
-    rig_on(Plant::ideal())
-}
-
-fn rig_on(plant: Plant) -> Rig {
     let mut description = drives::akd2g();
     for axis in &mut description.axes {
         axis.outputs.push(obj::TARGET_VELOCITY.into());
     }
     let behaviour = Behaviour {
-        machine: Machine {
-            positive_limit: Some(1_000_000),
-            ..Machine::default()
-        },
         profile_types: &[0, 1],
-        plant,
+        plant: Plant::ideal(),
         ..Behaviour::akd2g()
     };
     let mut rig = Rig::of(description, behaviour, |_| {});
@@ -426,23 +308,6 @@ fn moving_with(rig: &mut Rig, set_point: SetPoint) -> CommandId {
     id
 }
 
-fn homing(rig: &mut Rig) -> CommandId {
-    rig.run(200);
-    mode(rig, Mode::Homing);
-    for (index, subindex, value) in [(0x6098, 0, 18), (0x6099, 1, 10_000), (0x6099, 2, 1_000)] {
-        rig.drive.set(index, subindex, value).unwrap();
-    }
-    rig.drive.set(0x609A, 0, 100_000).unwrap();
-    let id = rig.send(Command::Home(HomingCommand {
-        method: HomingMethod(18),
-        offset: None,
-        until: None,
-    }));
-    rig.run(300);
-    assert!(rig.drive.velocity() > 9_000.0);
-    id
-}
-
 fn is_quick_stop(word: u16) -> bool {
     word & 0x0006 == 0x0002
 }
@@ -458,41 +323,18 @@ fn until_quick_stop(rig: &mut Rig, cycles: usize) -> usize {
 
 #[test]
 fn a_stop_goes_on_to_its_quick_stop_as_soon_as_the_axis_is_known_to_run_on() {
-    let begun: [fn(&mut Rig) -> CommandId; 2] = [moving, homing];
-    for begin in begun {
-        for command in [Command::Stop, Command::Disable] {
-            let mut rig = ideal();
-            let id = begin(&mut rig);
-            rig.drive.disturbances().deaf_to_halt = true;
-            let from = rig.words.len();
-            let stop = rig.send(command);
-            assert!(until_quick_stop(&mut rig, 300) <= NOTICED);
-            assert_ne!(rig.words[from] & 0x0100, 0, "bit 8 came first");
-            assert!(matches!(rig.finish(stop), Ok(Completion::Stopped { .. })));
-            assert_eq!(rig.drive.velocity(), 0.0);
-            assert!(rig.outcome(id).is_some_and(|end| end.is_err()));
-        }
-    }
-}
-
-/// Its noise can make an axis that runs on look slower than in the span before: then a later span tells.
-#[test]
-fn an_axis_on_a_plant_is_known_to_run_on_within_some_spans() {
-    let mut taken = Vec::new();
-    for seed in 1..=24 {
-        let mut rig = rig_on(Plant::seeded(seed));
+    for command in [Command::Stop, Command::Disable] {
+        let mut rig = ideal();
         let id = moving(&mut rig);
         rig.drive.disturbances().deaf_to_halt = true;
-        let stop = rig.send(Command::Stop);
-        taken.push(until_quick_stop(&mut rig, 3_000));
+        let from = rig.words.len();
+        let stop = rig.send(command);
+        assert!(until_quick_stop(&mut rig, 300) <= NOTICED);
+        assert_ne!(rig.words[from] & 0x0100, 0, "bit 8 came first");
         assert!(matches!(rig.finish(stop), Ok(Completion::Stopped { .. })));
-        assert!(matches!(
-            rig.outcome(id),
-            Some(Err(Failure::QuickStopped { .. }))
-        ));
+        assert_eq!(rig.drive.velocity(), 0.0);
+        assert!(rig.outcome(id).is_some_and(|end| end.is_err()));
     }
-    taken.sort_unstable();
-    assert!(taken[taken.len() / 2] < 500, "cycles: {taken:?}");
 }
 
 #[test]
@@ -518,8 +360,8 @@ fn a_jog_is_stopped_by_its_velocity_whatever_bit_8_does() {
 #[test]
 fn a_stop_on_a_ramp_waits_for_it_however_gentle_it_is() {
     for latency in [0, 5] {
-        // Down from 10000 in 8 s, linear, and by a sin² ramp.
-        for (profile_type, deceleration) in [(0, 1_250), (1, 2_000)] {
+        // Down from 10000 in 6 s, linear, and by a sin² ramp.
+        for (profile_type, deceleration) in [(0, 1_600), (1, 2_500)] {
             let mut rig = ideal();
             rig.latency = latency;
             rig.drive.set(0x6086, 0, profile_type).unwrap();
@@ -675,57 +517,6 @@ fn one_that_gets_slower_or_stands_is_left_alone_until_the_deadline() {
     assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopIgnored)));
 }
 
-#[test]
-fn one_that_goes_into_its_quick_stop_late_keeps_its_voltage_until_it_stands() {
-    let behaviour = Behaviour {
-        abort_connection_option: 3,
-        ..Behaviour::akd2g()
-    };
-    let mut rig = Rig::new(behaviour, |_| {});
-    rig.drive.set(0x6085, 0, 20_000).expect("a slow ramp");
-    rig.enable();
-    let id = rig.abs(600_000, SetPoint::new().velocity(10_000));
-    rig.wait_accepted(id);
-    rig.run(200);
-    // It takes no orders, and then stops by itself.
-    rig.drive.set_remote(false);
-    let stop = rig.send(Command::QuickStop);
-    assert_eq!(rig.finish(stop), Err(Failure::QuickStopIgnored));
-    rig.drive.connection_lost();
-    rig.drive.connection_restored();
-    rig.run(10);
-    assert_eq!(rig.drive.state(), ds402::State::QuickStopActive);
-    rig.drive.set_remote(true);
-    while rig.drive.velocity() > 0.0 {
-        assert_ne!(rig.word() & 0x0002, 0, "disable voltage");
-        rig.cycle();
-    }
-    rig.run(1_000);
-    assert_eq!(rig.core.snapshot().state, State::SwitchOnDisabled);
-}
-
-/// It has not ignored what it has never got.
-#[test]
-fn an_axis_that_was_lost_for_longer_than_the_deadline_is_stopped_before_its_voltage_is_taken() {
-    for latency in [0, 3] {
-        let (mut rig, id) = deaf_to_quick_stop();
-        rig.latency = latency;
-        rig.drive.disturbances().deaf_to_quick_stop = false;
-        for _ in 0..12_000 {
-            rig.cycle_over(Link::RequestLost);
-        }
-        assert!(matches!(
-            rig.outcome(id),
-            Some(Err(Failure::BusLost { .. }))
-        ));
-        assert!(rig.drive.velocity() > 0.0);
-        while rig.drive.velocity() > 0.0 {
-            rig.cycle();
-            assert_ne!(rig.word() & 0x0002, 0, "disable voltage");
-        }
-    }
-}
-
 const QUICK_STOP: u16 = 0x000B;
 
 /// A drive that is on its way to this target, and a core that has seen nothing of it.
@@ -785,20 +576,6 @@ fn it_gets_a_quick_stop_until_it_stands_and_then_disable_voltage() {
 }
 
 #[test]
-fn one_that_stands_is_switched_off_at_once() {
-    let mut rig = found_on_the_way_to(5_000, 2);
-    // It arrives before the first frame that it takes.
-    while !rig.drive.stands() {
-        rig.cycle_over(Link::RequestLost);
-    }
-    let from = rig.words.len();
-    rig.run(500);
-    assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
-    assert_eq!(rig.words.last(), Some(&0));
-    assert_eq!(rig.distinct_words(from), [QUICK_STOP, 0]);
-}
-
-#[test]
 fn one_whose_drive_takes_no_orders_is_told_to_switch_off_when_it_stands() {
     let mut rig = found_on_the_way_to(30_000, 2);
     rig.drive.set_remote(false);
@@ -846,86 +623,5 @@ fn an_enable_stops_it_first_and_no_motion_follows() {
         assert_eq!(rig.outcome(id), Some(Ok(Completion::Done)));
         assert_eq!(rig.drive.state(), ds402::State::OperationEnabled);
         assert!(rig.drive.stands());
-    }
-}
-
-/// Enabled, and at rest for longer than its settle time.
-fn at_rest() -> Rig {
-    let behaviour = Behaviour {
-        quick_stop_option: 6,
-        ..Behaviour::akd2g()
-    };
-    let mut rig = Rig::new(behaviour, |config| {
-        config.quick_stop = QuickStopOption(6);
-        config.tolerances = Tolerances {
-            position: 1_000,
-            ..Tolerances::default()
-        };
-    });
-    // A quick stop of a fortieth of a second.
-    rig.drive.set(0x6085, 0, 200_000).unwrap();
-    rig.enable();
-    rig.run(200);
-    rig
-}
-
-/// On its way at 5000 counts/s, for longer than its settle time, and nearer to where it stood than its position window.
-fn just_set_off() -> Rig {
-    let mut rig = at_rest();
-    let id = rig.abs(1_000_000, SetPoint::new().acceleration(40_000));
-    rig.wait_accepted(id);
-    rig.run_until(200, |rig| rig.drive.velocity() > 5_000.0);
-    assert!(rig.drive.position() < 500);
-    rig
-}
-
-/// Runs to the end of this command, by which the axis must stand, with its power on until then.
-fn ends_at_rest(rig: &mut Rig, id: CommandId, state: State) {
-    while rig.outcome(id).is_none() {
-        rig.cycle();
-        let powered = matches!(
-            rig.drive.state(),
-            ds402::State::OperationEnabled | ds402::State::QuickStopActive
-        );
-        assert!(powered || !rig.moves(), "it coasts");
-    }
-    assert_eq!(rig.outcome(id), Some(Ok(Completion::Stopped { state })));
-    assert_eq!(rig.drive.velocity(), 0.0);
-}
-
-#[test]
-fn it_is_done_when_the_axis_stands_and_not_while_it_is_near_where_it_stood() {
-    let mut rig = just_set_off();
-    let id = rig.send(Command::QuickStop);
-    ends_at_rest(&mut rig, id, State::QuickStopActive);
-}
-
-#[test]
-fn whoever_disables_the_axis_meanwhile_lets_it_not_coast() {
-    let mut rig = just_set_off();
-    rig.stop = StopRequest::QUICK_STOP;
-    rig.cycle();
-    let id = rig.send(Command::Disable);
-    ends_at_rest(&mut rig, id, State::SwitchOnDisabled);
-}
-
-/// The drive itself goes into Quick stop active.
-#[test]
-fn a_drive_that_stops_by_itself_keeps_its_power_until_the_axis_stands() {
-    for command in [Command::Disable, Command::Enable, Command::Stop] {
-        let mut rig = just_set_off();
-        rig.drive.set(0x6007, 0, 3).unwrap();
-        rig.drive.connection_lost();
-        rig.drive.connection_restored();
-        rig.run_until(10, |rig| {
-            rig.core.snapshot().state == State::QuickStopActive
-        });
-        let id = rig.send(command);
-        while rig.outcome(id).is_none() {
-            rig.cycle();
-            let powered = rig.drive.state() == ds402::State::QuickStopActive;
-            assert!(powered || !rig.moves(), "{command:?}: it coasts");
-        }
-        assert_eq!(rig.drive.velocity(), 0.0, "{command:?}");
     }
 }

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Link, Rig};
-use servocrab::axis::{Command, CommandId, Completion, Failure, StopRequest};
+use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::ds402::{QuickStopOption, State};
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{self, Behaviour};
@@ -126,152 +126,6 @@ fn one_wrong_word_does_not_let_a_moving_axis_coast() {
     }
 }
 
-/// What the drive really does when the wrong word comes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Real {
-    /// Halted, in Operation enabled, with a set-point.
-    Halted,
-    /// In Quick stop active, still moving.
-    QuickStop,
-    /// In Fault reaction active, still moving.
-    FaultReaction,
-    /// In Operation enabled, at rest without a set-point.
-    Standing,
-    /// So many cycles after it was asked to enable.
-    Enabling(usize),
-}
-
-impl Real {
-    const ALL: [Self; 9] = [
-        Self::Halted,
-        Self::QuickStop,
-        Self::FaultReaction,
-        Self::Standing,
-        Self::Enabling(0),
-        Self::Enabling(1),
-        Self::Enabling(2),
-        Self::Enabling(3),
-        Self::Enabling(4),
-    ];
-
-    /// An axis that does that, and the command that it is under way for.
-    fn make(self, option: i16) -> (Rig, Option<CommandId>) {
-        let (rig, id) = match self {
-            Self::Halted => return (halted(option), None),
-            Self::QuickStop => {
-                let (mut rig, _) = moving(option);
-                let stop = rig.send(Command::QuickStop);
-                rig.run(2);
-                assert_eq!(
-                    rig.drive.state(),
-                    ds402::State::QuickStopActive,
-                    "605Ah {option}"
-                );
-                (rig, Some(stop))
-            }
-            Self::FaultReaction => {
-                let (mut rig, _) = moving(option);
-                rig.drive.set(0x605E, 0, 2).unwrap();
-                rig.drive.inject_fault(0x7305);
-                rig.run(30);
-                assert_eq!(rig.drive.state(), ds402::State::FaultReactionActive);
-                (rig, None)
-            }
-            Self::Standing => {
-                let mut rig = rig(option);
-                rig.enable();
-                (rig, None)
-            }
-            Self::Enabling(cycles) => {
-                let mut rig = rig(option);
-                rig.run(200);
-                let enable = rig.send(Command::Enable);
-                rig.run(cycles);
-                (rig, Some(enable))
-            }
-        };
-        let moves = matches!(self, Self::QuickStop | Self::FaultReaction);
-        assert_eq!(rig.moves(), moves, "605Ah {option}, {self:?}");
-        (rig, id)
-    }
-}
-
-#[test]
-fn nor_one_that_stops_already_and_one_that_stands_is_not_set_going() {
-    for real in Real::ALL {
-        for option in 0..=8 {
-            if option == 0 && real == Real::QuickStop {
-                // It coasts already, by what its 605Ah says.
-                continue;
-            }
-            for word in WORDS {
-                let what = format!("605Ah {option}, {real:?}, {word:04X}");
-                let (mut rig, id) = real.make(option);
-                let at = rig.drive.position();
-                rig.forged = Some(word);
-                cycle(&mut rig, option, &what);
-                to_rest(&mut rig, option, &what);
-                if let Some(id) = id {
-                    assert!(rig.finish(id).is_ok() || word != 0x0237, "{what}");
-                }
-                if !matches!(real, Real::QuickStop | Real::FaultReaction) {
-                    let off = (rig.drive.position() - at).abs();
-                    assert!(off <= 10, "{what}: it moves unasked, by {off}");
-                }
-                if rig.core.snapshot().has_set_point {
-                    let stop = rig.send(Command::Stop);
-                    assert!(rig.finish(stop).is_ok(), "{what}: stop");
-                }
-                is_usable(&mut rig, &what);
-            }
-        }
-    }
-}
-
-const COMMANDS: [Command; 6] = [
-    Command::Halt,
-    Command::Stop,
-    Command::QuickStop,
-    Command::Disable,
-    Command::Enable,
-    Command::ResetFault,
-];
-
-#[test]
-fn nor_does_it_while_something_is_asked_for() {
-    for option in [2, 6] {
-        for word in WORDS {
-            for command in COMMANDS {
-                for (before, after) in [(0, 0), (0, 1), (1, 0), (3, 0), (40, 0), (600, 0)] {
-                    let what = format!("605Ah {option}, {word:04X}, {before} {command:?} {after}");
-                    let (mut rig, _) = moving(option);
-                    let mut id = None;
-                    if after == 0 {
-                        id = Some(rig.send(command));
-                    }
-                    for _ in 0..before {
-                        cycle(&mut rig, option, &what);
-                    }
-                    rig.forged = Some(word);
-                    cycle(&mut rig, option, &what);
-                    let id = id.unwrap_or_else(|| rig.send(command));
-                    for _ in 0..700 {
-                        cycle(&mut rig, option, &what);
-                    }
-                    assert!(rig.outcome(id).is_some(), "{what}: it has no end");
-                    if rig.drive.stands() {
-                        to_rest(&mut rig, option, &what);
-                        let standing = matches!(command, Command::Halt | Command::Stop);
-                        if !(standing && rig.core.snapshot().has_set_point) {
-                            is_usable(&mut rig, &what);
-                        }
-                    }
-                }
-            }
-        }
-    }
-}
-
 #[test]
 fn a_stop_that_ends_well_ends_at_standstill_whatever_one_word_shows() {
     for option in [2, 6] {
@@ -382,66 +236,6 @@ fn stops_in_a_fault_reaction_are_done_when_the_axis_stands() {
     }
 }
 
-/// Any state for a cycle or some, with a move or stop asked for in each cycle around it.
-#[test]
-fn every_state_may_follow_every_other() {
-    let asked: [Option<Command>; 5] = [
-        None,
-        Some(Command::Stop),
-        Some(Command::QuickStop),
-        Some(Command::Disable),
-        Some(Command::Halt),
-    ];
-    for first in WORDS {
-        for second in WORDS {
-            for command in asked {
-                // Only these two have a lane beside the commands, and nothing is never late.
-                let lanes: &[bool] = match command {
-                    Some(Command::Stop | Command::QuickStop) => &[false, true],
-                    _ => &[false],
-                };
-                let cycles = if command.is_some() { 3 } else { 1 };
-                for at in 0..cycles {
-                    for &lane in lanes {
-                        let what = format!("{first:04X} {second:04X} {command:?} {at} {lane}");
-                        let (mut rig, id) = moving(2);
-                        let mut stop = None;
-                        for (cycle, word) in [Some(first), Some(second), None].iter().enumerate() {
-                            if cycle == at {
-                                match command {
-                                    Some(Command::QuickStop) if lane => {
-                                        rig.stop = StopRequest::QUICK_STOP;
-                                    }
-                                    Some(Command::Stop) if lane => rig.stop = StopRequest::STOP,
-                                    Some(command) => stop = Some(rig.send(command)),
-                                    None => {}
-                                }
-                            }
-                            rig.forged = *word;
-                            self::cycle(&mut rig, 2, &what);
-                        }
-                        let harmless = |word| matches!(word, 0x0237 | 0x022A);
-                        for _ in 0..700 {
-                            self::cycle(&mut rig, 2, &what);
-                        }
-                        if harmless(first) && harmless(second) && command.is_none() {
-                            assert!(rig.drive.velocity() > 40_000.0, "{what}");
-                            continue;
-                        }
-                        assert!(!rig.moves(), "{what}");
-                        if let Some(stop) = stop {
-                            assert!(rig.outcome(stop).is_some(), "{what}: no end");
-                        }
-                        if command != Some(Command::Halt) || rig.outcome(id).is_some() {
-                            is_usable(&mut rig, &what);
-                        }
-                    }
-                }
-            }
-        }
-    }
-}
-
 /// Standing halted, with a set-point that the drive keeps.
 fn halted(option: i16) -> Rig {
     let (mut rig, _) = moving(option);
@@ -449,35 +243,6 @@ fn halted(option: i16) -> Rig {
     assert!(rig.finish(halt).is_ok());
     assert!(rig.core.snapshot().has_set_point);
     rig
-}
-
-#[test]
-fn a_stop_that_ends_well_has_abandoned_the_set_point_whatever_one_word_shows() {
-    for option in [2, 6] {
-        for word in WORDS {
-            for command in [Command::Stop, Command::QuickStop, Command::Disable] {
-                for wait in 0..3 {
-                    for asked_before in [false, true] {
-                        let what = format!(
-                            "605Ah {option}, {word:04X}, {command:?} {wait} {asked_before}"
-                        );
-                        let mut rig = halted(option);
-                        let mut id = asked_before.then(|| rig.send(command));
-                        rig.run(wait);
-                        rig.forged = Some(word);
-                        rig.cycle();
-                        let id = *id.get_or_insert_with(|| rig.send(command));
-                        rig.run_until(12_000, |rig| {
-                            let ended = rig.outcome(id);
-                            let kept = rig.drive.state() == ds402::State::OperationEnabled;
-                            assert!(!(kept && matches!(ended, Some(Ok(_)))), "{what}: {ended:?}");
-                            ended.is_some()
-                        });
-                    }
-                }
-            }
-        }
-    }
 }
 
 #[test]
@@ -492,29 +257,6 @@ fn an_axis_is_not_enabled_by_one_wrong_word() {
         assert_eq!(rig.outcome(id), Some(Ok(Completion::Done)), "{wait}");
         assert_eq!(rig.drive.state(), ds402::State::OperationEnabled, "{wait}");
     }
-}
-
-/// It may be enabled, and hold a set-point of which the core knows nothing.
-#[test]
-fn a_drive_that_is_enabled_before_it_was_told_to_is_led_down_first() {
-    let mut early = 0;
-    for wait in 0..12 {
-        let mut rig = rig(2);
-        rig.run(200);
-        let id = rig.send(Command::Enable);
-        rig.run(wait);
-        rig.forged = Some(0x0237);
-        rig.cycle();
-        if rig.words.last().unwrap() & 0x08 != 0 {
-            break;
-        }
-        early += 1;
-        rig.cycle();
-        let word = rig.words.last().unwrap();
-        assert_eq!(word & 0x0F, 0, "{word:04X} is sent after {wait} cycles");
-        assert_eq!(rig.finish(id), Ok(Completion::Done), "{wait}");
-    }
-    assert!(early > 1);
 }
 
 #[test]
