@@ -158,16 +158,6 @@ fn rows() -> Vec<Row> {
             })),
         ),
         row(
-            "a sin² ramp in a blend on AX2000",
-            ax2000(),
-            Enabled,
-            Ask::Abs(100, fast.profile_type(1).buffer_mode(BufferMode::Blending)),
-            failed!(Failure::Unsupported(Unsupported::ProfileType {
-                profile_type: 1,
-                ..
-            })),
-        ),
-        row(
             "a target above the corrected 607Dh",
             limited(),
             Enabled,
@@ -193,33 +183,12 @@ fn rows() -> Vec<Row> {
             }),
         ),
         row(
-            "an end velocity above 607Fh",
-            limited(),
-            Enabled,
-            Ask::Rel(100, fast.end_velocity(60_001)),
-            failed!(Failure::BeyondLimit {
-                limit: 60_000,
-                asked: 60_001,
-                ..
-            }),
-        ),
-        row(
             "a velocity of zero",
             plain(),
             Enabled,
             Ask::Abs(100, SetPoint::new().velocity(0)),
             failed!(Failure::Parameter {
                 name: "profile velocity 6081h",
-                fault: ParameterFault::Zero
-            }),
-        ),
-        row(
-            "a deceleration of zero",
-            plain(),
-            Enabled,
-            Ask::Rel(100, fast.deceleration(0)),
-            failed!(Failure::Parameter {
-                name: "profile deceleration 6084h",
                 fault: ParameterFault::Zero
             }),
         ),

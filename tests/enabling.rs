@@ -180,24 +180,6 @@ fn enable_gives_up_with_the_reason_and_does_not_come_back_to_it() {
 }
 
 #[test]
-fn a_disable_ends_the_wait() {
-    for obstacle in obstacles() {
-        let mut rig = obstacle.rig();
-        let id = rig.send(Command::Enable);
-        rig.run(100);
-        let disable = rig.send(Command::Disable);
-        assert!(rig.finish(disable).is_ok(), "{}", obstacle.name);
-        assert!(matches!(
-            rig.outcome(id),
-            Some(Err(Failure::Disabled { .. }))
-        ));
-        (obstacle.clear)(&mut rig.drive);
-        rig.run(1_000);
-        assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
-    }
-}
-
-#[test]
 fn a_stop_or_disable_in_the_middle_of_an_enable_is_done_when_the_drive_will_not_be_enabled() {
     for command in [Command::Stop, Command::Disable] {
         for wait in 0..20 {

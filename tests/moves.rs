@@ -7,14 +7,14 @@ use core::time::Duration;
 
 use common::{Link, Rig};
 use servocrab::axis::{
-    Command, CommandId, Completion, Delivery, Doubt, Event, Failure, Referencing, Unsupported,
+    Command, CommandId, Completion, Doubt, Event, Failure, Referencing, Unsupported,
 };
 use servocrab::coe::obj;
 use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::Mode;
 use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::{
-    BufferMode, BufferSignal, Limits, MoveCommand, PositionRange, Reference, RelativeBase, SetPoint,
+    BufferMode, BufferSignal, Limits, PositionRange, RelativeBase, SetPoint,
 };
 use servocrab::profile_velocity::JogSetPoint;
 use servocrab_sim::ds402::{
@@ -42,17 +42,6 @@ fn an_absolute_move_is_executed_once_and_reaches_its_target() {
     assert_eq!(rig.ledger().len(), 1);
     assert_eq!(rig.ledger()[0].outcome, Outcome::Reached);
     assert_eq!(rig.reports(id).first(), Some(&Event::Accepted));
-}
-
-#[test]
-fn relative_moves_add_up() {
-    let mut rig = Rig::enabled();
-    for n in 1..=3 {
-        let id = rig.rel(-1_000, SetPoint::new());
-        assert!(matches!(rig.finish(id), Ok(Completion::Reached { .. })));
-        rig.assert_at(-1_000 * n);
-    }
-    assert_eq!(rig.ledger().len(), 3);
 }
 
 #[test]
@@ -134,47 +123,6 @@ fn the_same_target_twice_is_two_moves_queued_or_not() {
             rig.assert_reached(id, 8_000);
         }
         assert_eq!(rig.ledger().len(), 3);
-    }
-}
-
-#[test]
-fn blends_pass_their_targets_both_ways_and_in_order() {
-    for direction in [1, -1] {
-        let mut rig = Rig::enabled();
-        let blend = SetPoint::new().buffer_mode(BufferMode::Blending);
-        let moves: Vec<_> = (1..=4)
-            .map(|n| {
-                let start = if n == 1 { SetPoint::new() } else { blend };
-                rig.abs(direction * n * 15_000, start)
-            })
-            .collect();
-        let last = *moves.last().expect("four moves");
-        rig.assert_reached(last, direction * 60_000);
-        for id in &moves[..3] {
-            assert!(matches!(
-                rig.outcome(*id),
-                Some(Ok(Completion::Passed { .. }))
-            ));
-        }
-        let ends: Vec<_> = rig
-            .events
-            .iter()
-            .filter_map(|(id, event)| {
-                matches!(event, servocrab::axis::Event::Done(_)).then_some(*id)
-            })
-            .filter(|id| moves.contains(id))
-            .collect();
-        assert_eq!(ends, moves, "in the order of the moves");
-        let outcomes: Vec<_> = rig.ledger().iter().map(|e| e.outcome).collect();
-        assert_eq!(
-            outcomes,
-            [
-                Outcome::Passed,
-                Outcome::Passed,
-                Outcome::Passed,
-                Outcome::Reached
-            ]
-        );
     }
 }
 
@@ -359,22 +307,6 @@ fn a_full_buffer_that_does_not_take_the_replacement_is_never_reported_as_reached
     assert_eq!(rig.outcome(next), Some(Err(Failure::NeedsStop)));
 }
 
-#[test]
-fn a_stop_between_the_edge_and_its_proof_says_that_it_is_unknown() {
-    let mut rig = pp2010();
-    full(&mut rig);
-    let third = rig.abs(-10_000, SetPoint::new());
-    rig.run_until(10, |rig| rig.words.last() == Some(&0x3F));
-    let stop = rig.send(Command::QuickStop);
-    assert!(rig.finish(stop).is_ok());
-    assert_eq!(
-        rig.outcome(third),
-        Some(Err(Failure::QuickStopped {
-            delivery: Delivery::Unknown
-        }))
-    );
-}
-
 /// Where bit 12 follows bit 4, one that is still high belongs to the handshake before, which comes first: a drive need not
 /// see an edge of bit 4 before it has ended that.
 #[test]
@@ -396,33 +328,6 @@ fn a_replacement_waits_for_the_handshake_before_where_bit_12_follows_bit_4() {
             assert_eq!(rig.outcome(replaced), Some(Err(Failure::Superseded)));
         }
     }
-}
-
-#[test]
-fn a_move_that_waits_for_others_to_start_with_does_not_fail_by_one_cycle_that_is_not_delivered() {
-    let mut rig = Rig::akd2g();
-    rig.enable();
-    let gated = |target: i32| {
-        Command::Move(MoveCommand {
-            reference: Reference::Absolute,
-            target,
-            set_point: SetPoint::new(),
-            gated: true,
-        })
-    };
-    // The handshake before is not over yet: it waits for that for a moment.
-    let before = rig.abs(0, SetPoint::new());
-    rig.wait_accepted(before);
-    let id = rig.send(gated(1_000));
-    // Then it has all that it needs, for much longer than any deadline of a handshake.
-    rig.run(5_000);
-    assert!(rig.core.is_armed(id));
-    rig.cycle_over(Link::Miscounted);
-    assert_eq!(rig.outcome(id), None);
-    rig.cycle();
-    assert!(rig.core.is_armed(id));
-    rig.core.fire(rig.now, id, &mut rig.outputs);
-    rig.assert_reached(id, 1_000);
 }
 
 /// An AKD2G that can be jogged.

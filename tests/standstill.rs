@@ -309,36 +309,3 @@ fn a_position_that_is_new_only_once_in_four_of_the_drives_cycles_shows_no_rest()
     // The last 10 ms of its ramp lie within the window, too.
     assert!((22..=40).contains(&stood), "{stood}");
 }
-
-#[test]
-fn a_drive_whose_inputs_are_frozen_ends_every_command_but_a_halt_with_a_failure() {
-    let commands = [
-        Command::Stop,
-        Command::QuickStop,
-        Command::Disable,
-        Command::Release,
-        Command::Halt,
-    ];
-    for command in commands {
-        // For so long that the axis seems to stand.
-        let mut plant = Plant::moving(40_000.0, |_| {});
-        plant.frozen = true;
-        plant.run(1_000);
-        let id = plant.send(command);
-        let result = plant.finish(id);
-        if command == Command::Halt {
-            // A set-point that waits in the drive looks the same.
-            assert!(result.is_ok(), "{result:?}");
-        } else {
-            assert_eq!(result, Err(Failure::QuickStopIgnored), "{command:?}");
-        }
-    }
-    for (state, command) in [(0x0250, Command::Enable), (0x0217, Command::Disable)] {
-        let mut plant = Plant::new(|_| {});
-        plant.state = state;
-        plant.run(200);
-        plant.frozen = true;
-        let id = plant.send(command);
-        assert!(plant.finish(id).is_err(), "{command:?}");
-    }
-}

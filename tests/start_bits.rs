@@ -153,51 +153,6 @@ fn bits_5_6_and_9_are_out_before_bit_4_and_fall_with_it() {
     });
 }
 
-/// The frames in which bit 4 rises, for these moves behind a long one that needs no bit but 4.
-fn rises(first_the_bits: bool, moves: &[(Reference, i32, BufferMode)]) -> Vec<usize> {
-    let mut rig = Rig::new(Behaviour::akd2g(), |config| {
-        config.traits.start_bits_first = first_the_bits;
-    })
-    .ideal();
-    rig.enable();
-    rig.run(20);
-    let from = rig.words.len();
-    start(&mut rig, Reference::Absolute, 10_000, BufferMode::Buffered);
-    let ids: Vec<_> = moves
-        .iter()
-        .map(|&(reference, target, mode)| start(&mut rig, reference, target, mode))
-        .collect();
-    for id in ids {
-        assert!(rig.finish(id).is_ok(), "{moves:?}");
-    }
-    let pairs = rig.words[from - 1..].windows(2).enumerate();
-    pairs
-        .filter(|(_, pair)| !pair[0] & pair[1] & BIT_4 != 0)
-        .map(|(at, _)| at)
-        .collect()
-}
-
-#[test]
-fn a_move_that_waits_for_its_turn_loses_one_frame_at_most_by_its_bits() {
-    use {BufferMode::Blending, BufferMode::Buffered, Reference::Absolute, Reference::Relative};
-    for moves in [
-        &[(Relative, 5_000, Buffered)][..],
-        &[(Absolute, 20_000, Blending)],
-        &[(Absolute, 20_000, Buffered), (Relative, 5_000, Buffered)],
-        &[
-            (Relative, 5_000, Buffered),
-            (Relative, 5_000, Buffered),
-            (Absolute, 30_000, Buffered),
-        ],
-    ] {
-        let expected = rises(false, moves);
-        assert_eq!(expected.len(), 1 + moves.len());
-        let with_bits = rises(true, moves);
-        let late = with_bits.iter().zip(&expected).map(|(is, was)| is - was);
-        assert!(late.max() <= Some(moves.len()), "{moves:?}: {with_bits:?}");
-    }
-}
-
 #[test]
 fn the_bits_of_a_move_that_does_not_come_are_taken_back() {
     for before_edge in [false, true] {

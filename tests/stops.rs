@@ -200,13 +200,6 @@ fn in_a_fault_reaction(deceleration: u32) -> Rig {
 }
 
 #[test]
-fn a_reset_during_a_fault_reaction_that_never_ends_is_given_up() {
-    let mut rig = in_a_fault_reaction(1);
-    let reset = rig.send(Command::ResetFault);
-    assert!(rig.finish(reset).is_err());
-}
-
-#[test]
 fn a_drive_that_is_lost_in_its_fault_reaction_is_not_left_to_coast() {
     let mut rig = in_a_fault_reaction(1_000_000);
     let from = rig.words.len();
@@ -253,23 +246,6 @@ fn a_resume_beside_a_stop_in_the_same_cycle_says_that_bit_8_did_not_fall() {
             assert_eq!(falls, lane == StopRequest::STOP && !moves);
         }
     }
-}
-
-#[test]
-fn a_resume_is_done_with_the_frame_that_was_sent_and_not_beside_a_halt() {
-    let mut rig = Rig::ideal_enabled();
-    let resume = rig.send(Command::Resume);
-    let another = rig.send(Command::Resume);
-    assert_eq!(rig.finish(another), Err(Failure::Busy));
-    rig.stop = StopRequest::HALT;
-    rig.cycle();
-    let halted = Failure::Halted {
-        delivery: Delivery::NotSent,
-    };
-    assert_eq!(rig.outcome(resume), Some(Err(halted)));
-    let resume = rig.send(Command::Resume);
-    rig.cycle_over(Link::ReplyLost);
-    assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
 }
 
 /// Cycles of 1 ms from bit 8 until it is known that it does nothing: until the drive has surely seen it, and twice 100 ms.
@@ -476,32 +452,6 @@ fn an_axis_that_runs_on_loses_its_voltage_and_whoever_waits_is_told() {
 }
 
 #[test]
-fn whoever_asks_again_does_not_give_it_its_voltage_back() {
-    let (mut rig, _) = deaf_to_quick_stop();
-    let first = rig.send(Command::QuickStop);
-    while rig.outcome(first).is_none() {
-        if rig.words.len() % 10 == 0 {
-            rig.stop = StopRequest::QUICK_STOP;
-        }
-        rig.cycle();
-    }
-    assert_eq!(rig.outcome(first), Some(Err(Failure::QuickStopIgnored)));
-    assert!(is_driven(&rig), "the word is not sent yet");
-    let asked: Vec<CommandId> = STOPS
-        .into_iter()
-        .chain([Command::Halt])
-        .map(|command| rig.send(command))
-        .collect();
-    assert_eq!(rig.word() & 0x0002, 0, "disable voltage");
-    for id in asked {
-        let off = Completion::Stopped {
-            state: State::SwitchOnDisabled,
-        };
-        assert_eq!(rig.finish(id), Ok(off), "{id:?}");
-    }
-}
-
-#[test]
 fn one_that_gets_slower_or_stands_is_left_alone_until_the_deadline() {
     // It slows down to its target, because bit 8 still works, or because the target is near.
     let (mut rig, id) = deaf_to_quick_stop();
@@ -573,17 +523,6 @@ fn it_gets_a_quick_stop_until_it_stands_and_then_disable_voltage() {
         assert_eq!(rig.distinct_words(1), [QUICK_STOP, 0], "605Ah = {option}");
         assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
     }
-}
-
-#[test]
-fn one_whose_drive_takes_no_orders_is_told_to_switch_off_when_it_stands() {
-    let mut rig = found_on_the_way_to(30_000, 2);
-    rig.drive.set_remote(false);
-    run_without_coasting(&mut rig, 100);
-    assert_eq!(rig.word(), QUICK_STOP);
-    run_without_coasting(&mut rig, 2_000);
-    assert!(rig.drive.stands(), "it has arrived");
-    assert_eq!(rig.word(), 0);
 }
 
 #[test]

@@ -187,30 +187,6 @@ fn a_fault_is_reset_only_at_standstill_and_when_it_was_shown_for_two_drive_cycle
 }
 
 #[test]
-fn a_disable_during_a_fault_reset_is_done_at_standstill_and_leaves_the_reset_its_end() {
-    for wait in 0..30 {
-        let (mut rig, _) = moving(2);
-        rig.drive.set(0x605E, 0, 2).unwrap();
-        rig.drive.inject_fault(0x7305);
-        // In the reaction, and later in Fault and behind it.
-        let early = wait % 2 == 0;
-        rig.run(if early { 5 } else { 800 });
-        let reset = rig.send(Command::ResetFault);
-        rig.run(wait);
-        let disable = rig.send(Command::Disable);
-        rig.run_until(12_000, |rig| rig.outcome(disable).is_some());
-        assert!(rig.drive.stands(), "{wait}");
-        let end = rig.outcome(disable);
-        assert!(
-            matches!(end, Some(Ok(Completion::Stopped { .. }))),
-            "{wait}: {end:?}"
-        );
-        assert!(rig.finish(reset).is_ok(), "{wait}");
-        is_usable(&mut rig, "after the reset");
-    }
-}
-
-#[test]
 fn stops_in_a_fault_reaction_are_done_when_the_axis_stands() {
     for command in [Command::Stop, Command::QuickStop, Command::Disable] {
         for before in [false, true] {
