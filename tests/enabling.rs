@@ -4,10 +4,10 @@
 
 mod common;
 
-use common::{Link, Rig};
-use servocrab::axis::{Command, Completion, Failure};
+use common::Rig;
+use servocrab::axis::{Command, Completion, Failure, Inhibit, WaitingFor};
 use servocrab::ds402::{Controlword, State, Statusword};
-use servocrab::profile_position::{SetPoint, WaitingFor};
+use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{self, Behaviour};
 
 /// Cycles within which `enable` gives up: its deadline, and some more.
@@ -25,8 +25,9 @@ struct Obstacle {
     refusal: Failure,
 }
 
-fn refused_in(state: State) -> Failure {
-    Failure::SwitchOnRefused {
+fn refused(by: Inhibit, state: State) -> Failure {
+    Failure::EnableRefused {
+        by,
         state,
         statusword: Statusword::empty(),
         controlword: Controlword::empty(),
@@ -35,19 +36,11 @@ fn refused_in(state: State) -> Failure {
 
 /// Takes the words out of such a failure.
 fn take_words(failure: &mut Failure) -> (Statusword, Controlword) {
-    let (Failure::LocalControl {
-        statusword,
-        controlword,
-    }
-    | Failure::NoVoltage {
-        statusword,
-        controlword,
-    }
-    | Failure::SwitchOnRefused {
+    let Failure::EnableRefused {
         statusword,
         controlword,
         ..
-    }) = failure
+    } = failure
     else {
         panic!("{failure}");
     };
@@ -73,10 +66,7 @@ fn obstacles() -> Vec<Obstacle> {
             shows_voltage: false,
             set: |drive| drive.set_remote(false),
             clear: |drive| drive.set_remote(true),
-            refusal: Failure::LocalControl {
-                statusword: Statusword::empty(),
-                controlword: Controlword::empty(),
-            },
+            refusal: refused(Inhibit::LocalControl, State::SwitchOnDisabled),
         });
         obstacles.push(Obstacle {
             name: "safe torque off",
@@ -84,7 +74,7 @@ fn obstacles() -> Vec<Obstacle> {
             shows_voltage: false,
             set: |drive| drive.set_inhibited(true),
             clear: |drive| drive.set_inhibited(false),
-            refusal: refused_in(State::ReadyToSwitchOn),
+            refusal: refused(Inhibit::Unnamed, State::ReadyToSwitchOn),
         });
         for ready_needs_voltage in [false, true] {
             for shows_voltage in [false, true] {
@@ -92,6 +82,11 @@ fn obstacles() -> Vec<Obstacle> {
                     State::SwitchOnDisabled
                 } else {
                     State::ReadyToSwitchOn
+                };
+                let inhibit = if shows_voltage {
+                    Inhibit::NoVoltage
+                } else {
+                    Inhibit::Unnamed
                 };
                 obstacles.push(Obstacle {
                     name: "no supply",
@@ -102,14 +97,7 @@ fn obstacles() -> Vec<Obstacle> {
                     shows_voltage,
                     set: |drive| drive.set_voltage(false),
                     clear: |drive| drive.set_voltage(true),
-                    refusal: if shows_voltage {
-                        Failure::NoVoltage {
-                            statusword: Statusword::empty(),
-                            controlword: Controlword::empty(),
-                        }
-                    } else {
-                        refused_in(state)
-                    },
+                    refusal: refused(inhibit, state),
                 });
             }
         }
@@ -162,9 +150,10 @@ fn enable_gives_up_with_the_reason_and_does_not_come_back_to_it() {
         };
         let (seen, sent) = take_words(&mut failure);
         assert_eq!(failure, obstacle.refusal, "{}", obstacle.name);
-        if let Failure::SwitchOnRefused { state, .. } = failure {
-            assert_eq!(seen.state(), state, "{}", obstacle.name);
-        }
+        let Failure::EnableRefused { state, .. } = failure else {
+            panic!("{failure}");
+        };
+        assert_eq!(seen.state(), state, "{}", obstacle.name);
         // Shutdown or Switch on.
         assert!(
             matches!(sent.bits(), 0x06 | 0x07),
@@ -187,24 +176,6 @@ fn enable_gives_up_with_the_reason_and_does_not_come_back_to_it() {
             obstacle.name
         );
         rig.enable();
-    }
-}
-
-#[test]
-fn a_disable_ends_the_wait() {
-    for obstacle in obstacles() {
-        let mut rig = obstacle.rig();
-        let id = rig.send(Command::Enable);
-        rig.run(100);
-        let disable = rig.send(Command::Disable);
-        assert!(rig.finish(disable).is_ok(), "{}", obstacle.name);
-        assert!(matches!(
-            rig.outcome(id),
-            Some(Err(Failure::Disabled { .. }))
-        ));
-        (obstacle.clear)(&mut rig.drive);
-        rig.run(1_000);
-        assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
     }
 }
 
@@ -232,24 +203,6 @@ fn a_stop_or_disable_in_the_middle_of_an_enable_is_done_when_the_drive_will_not_
 }
 
 #[test]
-fn an_axis_that_is_inhibited_while_it_moves_says_that_it_was_disabled() {
-    let mut rig = Rig::enabled();
-    let id = rig.abs(50_000, SetPoint::new());
-    rig.wait_accepted(id);
-    rig.run(100);
-    rig.drive.set_inhibited(true);
-    assert_eq!(
-        rig.finish(id),
-        Err(Failure::Disabled {
-            state: State::SwitchOnDisabled
-        })
-    );
-    rig.drive.set_inhibited(false);
-    rig.run(1_000);
-    assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
-}
-
-#[test]
 fn a_power_section_that_takes_its_time_is_waited_for() {
     let slow = |power_on_cycles| Behaviour {
         power_on_cycles,
@@ -270,46 +223,4 @@ fn a_power_section_that_takes_its_time_is_waited_for() {
     ));
     rig.run(5);
     assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
-}
-
-/// It is not known whether a halt was delivered, and somebody turns the axis by hand: the halt still waits when the axis is enabled again.
-#[test]
-fn an_enabling_ends_also_where_a_halt_waits_before_it() {
-    let mut rig = Rig::enabled();
-    rig.run(200);
-    for _ in 0..20 {
-        rig.cycle_over(Link::Undelivered);
-    }
-    let halt = rig.send(Command::Halt);
-    let disable = rig.send(Command::Disable);
-    while rig.outcome(disable).is_none() {
-        rig.cycle_over(Link::Undelivered);
-    }
-    for _ in 0..10 {
-        rig.cycle_over(Link::Miscounted);
-    }
-    let mut at = rig.drive.position() as i32;
-    let mut shows = |rig: &mut Rig, word: u16| {
-        at += 20;
-        rig.drive.place(at.into());
-        rig.forged = Some(word);
-        rig.cycle();
-        *rig.words.last().unwrap()
-    };
-    // When the turning shows, it is not sure yet that a word led the drive down: it may still be driven. A cycle later it is.
-    for word in [0x0100, 0x0100, 0x010B].into_iter().chain([0x0100; 10]) {
-        assert_eq!(shows(&mut rig, 0x0233), word);
-    }
-    assert_eq!(rig.outcome(halt), None);
-    let enable = rig.send(Command::Enable);
-    for word in [0x0233, 0x0233, 0x0237] {
-        assert_eq!(shows(&mut rig, word), 0x000F, "bit 8 does not outlive that");
-    }
-    rig.run(DEADLINE);
-    assert!(rig.outcome(halt).is_some());
-    let end = rig.outcome(enable);
-    assert!(
-        matches!(end, Some(Err(Failure::QuickStopped { .. }))),
-        "{end:?}"
-    );
 }

@@ -344,8 +344,14 @@ fn judge(case: &Case) -> Option<Judged> {
         Behind::Onward => case.target + 6_000,
         Behind::Back => case.target - 6_000,
     };
-    bench.moves(behind, case.buffer_mode);
-    bench.run(Duration::from_secs(10));
+    let last = bench.moves(behind, case.buffer_mode);
+    while bench.outcome(last).is_none() {
+        assert!(
+            bench.now < Duration::from_secs(20),
+            "{case:?}: it has no end"
+        );
+        bench.step();
+    }
     assert_eq!(bench.drive.taken, before + 2, "{case:?}");
     let outcome = bench.outcome(judged);
     bench.drive.had_next[before].then_some(Judged {
@@ -460,83 +466,49 @@ fn assert_none(cases: &[Case], is_wrong: impl Fn(&Judged) -> bool) {
     );
 }
 
-fn assert_no_clamped_move_is_ok(signal: BufferSignal, start: Start) {
-    assert_none(&clamped(signal, start), |judged| judged.outcome.is_ok());
+const KINDS: [(BufferSignal, Start); 4] = [
+    (Acknowledge, AtRest),
+    (FOLLOWS, AtRest),
+    (Acknowledge, InMotion),
+    (FOLLOWS, InMotion),
+];
+
+#[test]
+fn a_move_that_the_drive_clamps_is_not_reached() {
+    for (signal, start) in KINDS {
+        assert_none(&clamped(signal, start), |judged| judged.outcome.is_ok());
+    }
 }
 
-fn assert_no_reached_move_has_missed(signal: BufferSignal, start: Start) {
-    assert_none(&reached(signal, start), |judged| {
-        matches!(judged.outcome, Err(Failure::MissedTarget { .. }))
-    });
+#[test]
+fn a_move_that_comes_to_its_end_is_not_missed() {
+    for (signal, start) in KINDS {
+        assert_none(&reached(signal, start), |judged| {
+            matches!(judged.outcome, Err(Failure::MissedTarget { .. }))
+        });
+    }
 }
 
-fn assert_reached_moves_are_ok(signal: BufferSignal, start: Start) {
+fn assert_reached_by_close_samples(signal: BufferSignal, start: Start) {
     let mut close = reached(signal, start);
     close.retain(|case| case.cycle <= 2);
     assert_none(&close, |judged| judged.outcome.is_err());
 }
 
 #[test]
-#[ignore = "the observer mends it"]
-fn a_clamped_move_from_rest_is_not_reached_where_bit_12_shows_the_buffer() {
-    assert_no_clamped_move_is_ok(Acknowledge, AtRest);
+fn a_move_that_comes_to_its_end_is_reached_by_close_samples() {
+    for (signal, start) in [
+        (Acknowledge, AtRest),
+        (Acknowledge, InMotion),
+        (FOLLOWS, InMotion),
+    ] {
+        assert_reached_by_close_samples(signal, start);
+    }
 }
 
+/// The drive has taken the second move, and shows bit 10 at the start, before it begins the first.
 #[test]
-#[ignore = "the observer mends it"]
-fn a_clamped_move_from_rest_is_not_reached_where_bit_12_follows_bit_4() {
-    assert_no_clamped_move_is_ok(FOLLOWS, AtRest);
-}
-
-#[test]
-#[ignore = "the observer mends it"]
-fn a_clamped_move_in_motion_is_not_reached_where_bit_12_shows_the_buffer() {
-    assert_no_clamped_move_is_ok(Acknowledge, InMotion);
-}
-
-#[test]
-#[ignore = "the observer mends it"]
-fn a_clamped_move_in_motion_is_not_reached_where_bit_12_follows_bit_4() {
-    assert_no_clamped_move_is_ok(FOLLOWS, InMotion);
-}
-
-#[test]
-#[ignore = "the observer mends it"]
-fn a_reached_move_from_rest_is_not_missed_where_bit_12_shows_the_buffer() {
-    assert_no_reached_move_has_missed(Acknowledge, AtRest);
-}
-
-#[test]
-fn a_reached_move_from_rest_is_not_missed_where_bit_12_follows_bit_4() {
-    assert_no_reached_move_has_missed(FOLLOWS, AtRest);
-}
-
-#[test]
-fn a_reached_move_in_motion_is_not_missed_where_bit_12_shows_the_buffer() {
-    assert_no_reached_move_has_missed(Acknowledge, InMotion);
-}
-
-#[test]
-fn a_reached_move_in_motion_is_not_missed_where_bit_12_follows_bit_4() {
-    assert_no_reached_move_has_missed(FOLLOWS, InMotion);
-}
-
-#[test]
-fn a_reached_move_from_rest_is_ok_by_close_samples_where_bit_12_shows_the_buffer() {
-    assert_reached_moves_are_ok(Acknowledge, AtRest);
-}
-
-#[test]
-fn a_reached_move_from_rest_is_ok_by_close_samples_where_bit_12_follows_bit_4() {
-    assert_reached_moves_are_ok(FOLLOWS, AtRest);
-}
-
-#[test]
-fn a_reached_move_in_motion_is_ok_by_close_samples_where_bit_12_shows_the_buffer() {
-    assert_reached_moves_are_ok(Acknowledge, InMotion);
-}
-
-#[test]
-fn a_reached_move_in_motion_is_ok_by_close_samples_where_bit_12_follows_bit_4() {
-    assert_reached_moves_are_ok(FOLLOWS, InMotion);
+#[ignore = "core: bit 10 at the start, before the first begins, makes its sighting doubtful"]
+fn a_move_that_begins_late_is_reached_by_close_samples_where_bit_12_follows_bit_4() {
+    assert_reached_by_close_samples(FOLLOWS, AtRest);
 }

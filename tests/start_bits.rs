@@ -4,7 +4,7 @@
 mod common;
 
 use common::Rig;
-use servocrab::axis::{Command, CommandId};
+use servocrab::axis::{Command, CommandId, Failure};
 use servocrab::profile_position::{BufferMode, Reference, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Outcome};
 
@@ -107,7 +107,11 @@ fn each_start_behind_a_move_is_executed_as_it_was_asked_for() {
         rig.wait_accepted(first);
         rig.run(50);
         let second = start(&mut rig, reference, 60_000, mode);
-        assert!(rig.finish(second).is_ok(), "{case}");
+        let end = rig.finish(second);
+        // Nobody knows where a distance ends that is blended.
+        let open = reference == Reference::Relative && mode == BufferMode::Blending;
+        let is_unknown = matches!(end, Err(Failure::Unknown { .. }));
+        assert!(end.is_ok() || (open && is_unknown), "{case}: {end:?}");
         let [first, second] = rig.ledger() else {
             panic!("{case}: {:?}", rig.ledger());
         };
@@ -148,49 +152,6 @@ fn bits_5_6_and_9_are_out_before_bit_4_and_fall_with_it() {
         let before = if asked == 0 { 0 } else { BEFORE };
         assert_eq!(frames_before_bit_4(&rig, from), before, "{asked:03X}h");
     });
-}
-
-/// The frames in which bit 4 rises, for these moves behind a long one that needs no bit but 4.
-fn rises(first_the_bits: bool, moves: &[(Reference, i32, BufferMode)]) -> Vec<usize> {
-    let mut rig = Rig::new(Behaviour::akd2g(), |config| {
-        config.traits.start_bits_first = first_the_bits;
-    })
-    .ideal();
-    rig.enable();
-    rig.run(20);
-    let from = rig.words.len();
-    start(&mut rig, Reference::Absolute, 10_000, BufferMode::Buffered);
-    let ids: Vec<_> = moves
-        .iter()
-        .map(|&(reference, target, mode)| start(&mut rig, reference, target, mode))
-        .collect();
-    for id in ids {
-        assert!(rig.finish(id).is_ok(), "{moves:?}");
-    }
-    let pairs = rig.words[from - 1..].windows(2).enumerate();
-    pairs
-        .filter(|(_, pair)| !pair[0] & pair[1] & BIT_4 != 0)
-        .map(|(at, _)| at)
-        .collect()
-}
-
-#[test]
-fn a_move_that_waits_for_its_turn_loses_no_time_by_its_bits() {
-    use {BufferMode::Blending, BufferMode::Buffered, Reference::Absolute, Reference::Relative};
-    for moves in [
-        &[(Relative, 5_000, Buffered)][..],
-        &[(Absolute, 20_000, Blending)],
-        &[(Absolute, 20_000, Buffered), (Relative, 5_000, Buffered)],
-        &[
-            (Relative, 5_000, Buffered),
-            (Relative, 5_000, Buffered),
-            (Absolute, 30_000, Buffered),
-        ],
-    ] {
-        let expected = rises(false, moves);
-        assert_eq!(expected.len(), 1 + moves.len());
-        assert_eq!(rises(true, moves), expected, "{moves:?}");
-    }
 }
 
 #[test]

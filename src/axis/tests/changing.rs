@@ -3,8 +3,8 @@
 use core::time::Duration;
 
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, HOME, Played, REACHED, READY, SWITCH_ON_DISABLED,
-    SWITCHED_ON, SlowModes, absolute,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, HALT, HOME, Played, QUICK_STOP,
+    QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, SlowModes, absolute,
 };
 use crate::{
     axis::{
@@ -1061,4 +1061,33 @@ fn a_recovered_drive_that_may_still_come_to_a_mode_that_was_taken_back_starts_no
         drive.outcome(moving),
         drive.word()
     );
+}
+
+/// By its own quick stop, or in its fault reaction.
+#[test]
+fn a_mode_is_not_written_while_the_drive_stops_an_axis_by_itself() {
+    for statusword in [QUICK_STOP_ACTIVE, FAULT_REACTION] {
+        let (mut drive, _) = Played::moving(Played::staying(), 100_000);
+        drive.shows_for(3, statusword);
+        assert_eq!((drive.word(), drive.outputs[6]), (QUICK_STOP, 1));
+        drive.submit(Command::SelectMode(Mode::Homing));
+        assert_eq!(drive.outputs[6], 1, "{statusword:04X}h");
+        drive.shows_for(3, statusword);
+        assert_eq!(drive.outputs[6], 1, "{statusword:04X}h");
+    }
+}
+
+/// The change waits for standstill, and a halt comes before that.
+#[test]
+fn a_mode_is_not_written_on_a_halted_axis() {
+    let mut drive = Played::enabled(Played::config());
+    drive.position += 100;
+    drive.shows(ENABLED);
+    let selecting = drive.submit(Command::SelectMode(Mode::Homing));
+    assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 1));
+    drive.submit(Command::Halt);
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(selecting), Some(Err(Failure::HALTED)));
+    drive.shows_for(40, ENABLED);
+    assert_eq!((drive.word(), drive.outputs[6]), (HALT, 1));
 }

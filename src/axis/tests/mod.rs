@@ -1,7 +1,9 @@
 //! An axis core against a drive that is played word by word.
 
 mod changing;
-mod overtaken;
+mod groups;
+mod homing;
+mod jogs;
 mod played;
 mod power;
 mod resting;

@@ -3,7 +3,7 @@
 use alloc::format;
 
 use super::played::{
-    Brings, ENABLED, FAULT, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY,
+    Brings, ENABLED, FAULT, FAULT_REACTION, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY,
     SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
@@ -277,4 +277,77 @@ fn a_fault_ends_whatever_leads_the_axis_somewhere() {
         drive.shows(FAULT);
         assert_eq!(drive.outcome(id), Some(Err(Failure::Fault { code })));
     }
+}
+
+/// It waits in a fault or in a state without power, and the drive then shows Operation enabled. The quick stop that follows ends without power.
+#[test]
+fn a_disable_that_waits_for_standstill_does_not_end_in_quick_stop_active() {
+    for first in [FAULT_REACTION, FAULT, SWITCH_ON_DISABLED, READY] {
+        let (mut drive, _) = Played::moving(Played::staying(), 100_000);
+        drive.shows_for(3, first);
+        let disabling = drive.submit(Command::Disable);
+        assert_eq!(drive.outcome(disabling), None, "{first:04X}");
+        drive.shows(ENABLED);
+        assert_eq!(drive.word(), QUICK_STOP, "{first:04X}");
+        drive.shows_for(3, QUICK_STOP_ACTIVE);
+        drive.velocity = 0;
+        drive.shows_for(60, QUICK_STOP_ACTIVE);
+        assert_eq!(
+            (drive.outcome(disabling), drive.word()),
+            (None, 0),
+            "{first:04X}"
+        );
+        drive.shows_for(3, SWITCH_ON_DISABLED);
+        let end = stopped(State::SwitchOnDisabled);
+        assert_eq!(drive.outcome(disabling), end, "{first:04X}");
+    }
+}
+
+/// One statusword that says Operation enabled while a fault is being reset.
+#[test]
+fn a_wrong_word_in_a_reset_costs_neither_the_stop_nor_the_reset() {
+    let mut drive = Played::enabled(Played::config());
+    drive.velocity = 30;
+    drive.shows_for(20, FAULT);
+    let resetting = drive.submit(Command::ResetFault);
+    let stopping = drive.submit(Command::Stop);
+    drive.shows_for(5, FAULT);
+    assert_eq!(drive.outcome(stopping), None);
+    drive.shows(ENABLED);
+    drive.shows_for(5, FAULT);
+    drive.velocity = 0;
+    drive.shows_for(60, FAULT);
+    drive.cycles_until(0x80, FAULT);
+    let code = None;
+    assert_eq!(drive.outcome(stopping), Some(Err(Failure::Fault { code })));
+    drive.shows_for(5, SWITCH_ON_DISABLED);
+    assert_eq!(drive.outcome(resetting), stopped(State::SwitchOnDisabled));
+}
+
+/// The fault comes back with a reaction while bit 7 is high, and the axis moves.
+#[test]
+fn an_axis_that_moves_in_a_fault_reaction_gets_no_disable_voltage_with_bit_7() {
+    let mut drive = Played::enabled(Played::config());
+    drive.shows_for(20, FAULT);
+    drive.submit(Command::ResetFault);
+    drive.cycles_until(0x80, FAULT);
+    drive.velocity = 30;
+    drive.shows_for(3, FAULT_REACTION);
+    assert_eq!(drive.word(), QUICK_STOP);
+}
+
+/// It stood when its disable was asked for, and its fault reaction moves it.
+#[test]
+fn a_disable_that_a_fault_overtakes_fails_at_standstill() {
+    let mut drive = Played::enabled(Played::config());
+    let disabling = drive.submit(Command::Disable);
+    drive.shows(ENABLED);
+    drive.velocity = 30;
+    drive.shows(FAULT_REACTION);
+    drive.shows_for(20, FAULT_REACTION);
+    assert_eq!(drive.outcome(disabling), None, "it moves");
+    drive.velocity = 0;
+    drive.shows_for(30, FAULT);
+    let code = None;
+    assert_eq!(drive.outcome(disabling), Some(Err(Failure::Fault { code })));
 }

@@ -641,3 +641,40 @@ fn a_jog_that_does_not_come_to_rest_says_what_was_seen() {
     let (_, result) = drive.cycles_to_end(jog, ENABLED);
     assert_never_stood(&drive, result);
 }
+
+#[test]
+fn a_disable_comes_before_a_resume_that_is_not_sent() {
+    let mut drive = Played::enabled(Played::config());
+    drive.submit(Command::Halt);
+    drive.shows_for(30, REACHED);
+    let resuming = drive.submit(Command::Resume);
+    drive.submit(Command::Disable);
+    drive.shows(REACHED);
+    let state = State::OperationEnabled;
+    assert_eq!(
+        drive.outcome(resuming),
+        Some(Err(Failure::Disabled { state }))
+    );
+}
+
+/// Halted on its way at an end velocity: it goes on with that when bit 8 falls.
+fn halted_at_end_velocity() -> Played {
+    let mut drive = Played::at_end_velocity();
+    drive.halt_to_rest();
+    drive
+}
+
+#[test]
+fn a_stop_just_after_a_resume_stops_what_goes_on_at_its_end_velocity() {
+    let mut drive = halted_at_end_velocity();
+    let resuming = drive.submit(Command::Resume);
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(resuming), Some(Ok(Completion::Done)));
+    assert_eq!(drive.word(), GO);
+    let stopping = drive.submit(Command::Stop);
+    // The drive has begun to go on by now.
+    drive.velocity = 20;
+    drive.shows_for(3, ENABLED);
+    assert_eq!(drive.outcome(stopping), None);
+    assert_eq!(drive.word(), HALT);
+}
