@@ -573,7 +573,7 @@ impl Machines {
         self.modes.mark_sent(&mut self.events.0);
         if let Some(Resuming { id, falls }) = self.resuming.take() {
             if falls {
-                self.stopping.release(rules.seen());
+                self.stopping.release();
                 self.modes.sequencer.resumed(rules);
                 self.finish_stop(Err(Failure::Superseded));
             }

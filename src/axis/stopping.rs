@@ -89,6 +89,22 @@ impl QuickStop {
     };
 }
 
+/// Whether the drive has seen that bit 8 is low (S7).
+#[derive(Debug, Clone, Copy, Hash)]
+enum Released {
+    Sent,
+    Delivered(Timer),
+}
+
+impl Released {
+    const fn due(self) -> Due {
+        match self {
+            Self::Sent => Due::NEXT,
+            Self::Delivered(left) => left.due(),
+        }
+    }
+}
+
 /// The stops of an axis.
 #[derive(Debug, Clone, Hash)]
 pub(super) struct Stopping {
@@ -96,8 +112,7 @@ pub(super) struct Stopping {
     /// The axis is to be disabled at the end.
     pub off: bool,
     pub halt: Halt,
-    /// Since bit 8 was sent low: until the drive has surely seen that (S7).
-    released: Timer,
+    released: Released,
     quick: QuickStop,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
 }
@@ -131,7 +146,7 @@ impl Stopping {
             phase: StopPhase::None,
             off: false,
             halt: Halt::OFF,
-            released: Timer::OVER,
+            released: Released::Delivered(Timer::OVER),
             quick: QuickStop::NEW,
             waiters: [None; WAITERS],
         }
@@ -163,14 +178,14 @@ impl Stopping {
     }
 
     /// Bit 8 was sent low.
-    pub const fn release(&mut self, seen: Timer) {
+    pub const fn release(&mut self) {
         self.halt = Halt::OFF;
-        self.released = seen;
+        self.released = Released::Sent;
     }
 
     /// Whether bit 8 is high, or its low not surely seen.
     pub const fn is_halted(&self) -> bool {
-        self.halt.is_on || !self.released.is_over()
+        self.halt.is_on || !matches!(self.released, Released::Delivered(left) if left.is_over())
     }
 
     /// Bit 2 falls, and the axis is to stand by then.
@@ -189,7 +204,13 @@ impl Stopping {
 
     /// One cycle of bit 8 and of who waits for it.
     pub fn step_halt(&mut self, step: &Step<'_>, has_motion: bool) -> StopStep {
-        self.released.pass(step.elapsed);
+        match &mut self.released {
+            Released::Sent if step.delivered && !step.sends_halt() => {
+                self.released = Released::Delivered(step.seen);
+            }
+            Released::Sent => {}
+            Released::Delivered(left) => left.pass(step.elapsed),
+        }
         if !self.halt.is_on {
             return StopStep::Nothing;
         }

@@ -98,9 +98,9 @@ pub(super) enum Stage {
     },
     /// The frame that has brought it shows nothing of it yet.
     Fresh { full: bool },
-    /// Bit 12 was low: it will rise.
-    Awaited,
-    /// Bit 12 was high, or two were held.
+    /// Bit 12 was low: it will rise. `early`: it has been high since the frame that brought bit 4, or one of those whose inputs are missing.
+    Awaited { early: bool },
+    /// Two are held, for all that is known.
     Full(Full),
 }
 
@@ -274,15 +274,20 @@ impl Raised {
             // What the frame shows that brings bit 4 is from before it, and no answer.
             &mut Stage::Fresh { full } => {
                 self.sent.answer = cycle.rules.timer(cycle.rules.acknowledge);
-                self.stage = if full || high {
+                self.stage = if full {
                     Stage::Full(Full::NEW)
                 } else {
-                    Stage::Awaited
+                    Stage::Awaited { early: high }
                 };
                 return None;
             }
-            Stage::Awaited if high => return Some(Ok(true)),
-            Stage::Awaited => {}
+            Stage::Awaited { early } => {
+                *early &= high;
+                // D1: what was high that early may be wrong.
+                if high && (!*early || cycle.evidence.acknowledge.is_high()) {
+                    return Some(Ok(true));
+                }
+            }
             Stage::Full(full) => {
                 // A place became free before the drive took it: its edge will come. One word may be wrong.
                 full.fell = match full.fell {
@@ -301,7 +306,7 @@ impl Raised {
                 let seen = full.seen.is_some_and(Timer::is_over);
                 full.shown += u8::from(seen);
                 if full.fell.is_some_and(Timer::is_over) {
-                    self.stage = Stage::Awaited;
+                    self.stage = Stage::Awaited { early: false };
                 } else if full.shown > SHOWN_AFTER {
                     // One that replaces none finds no place in a full buffer.
                     return Some(if self.sent.request.replaces() {

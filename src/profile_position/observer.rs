@@ -365,7 +365,11 @@ impl Observer {
             let at_end = entry.ends.are_known(rules.bounds)
                 && entry.ends.contain(evidence.position, rules.bounds);
             // S3: with bit 10 low for it, it has begun.
-            rule(low && entry.seen.is_over(), Worlds::WAITING.and(worlds));
+            let news = place == 1 && room.is_some_and(Bit::is_low);
+            rule(
+                low && entry.seen.is_over() && !news,
+                Worlds::WAITING.and(worlds),
+            );
             // S4: the last one is over at its end with bit 10 high; or in motion with bit 10 high for so long, if it goes on.
             let goes_on = entry.runs_on && self.high.has_lasted();
             let is_last = place + 1 == count;
@@ -447,6 +451,13 @@ impl Observer {
             && !self.worlds.has(Worlds::FIRST)
         {
             self.report(0, first.passed_into(second.start, cycle), events);
+            let mut second = second;
+            if known.room.is_some() {
+                // What is low may be the first that settles.
+                second.seen = second
+                    .seen
+                    .longer(cycle.rules.timer(cycle.rules.bounds.settle));
+            }
             self.entries = [Some(second), None];
             self.worlds = Worlds(self.worlds.0 >> 4);
             self.restart_times(&cycle.rules);
@@ -482,7 +493,7 @@ impl Observer {
             && at_end
             && !entry.runs_on
             && match (waits, ends_are_known) {
-                (false, true) => true,
+                (false, true) => !self.worlds.has(Worlds::RUNNING),
                 (false, false) => stands,
                 // Whether it has begun or not, it leads no further; on a modulo axis it may lead round.
                 (true, true) => stands && rules.bounds.turn.is_none(),
@@ -576,9 +587,10 @@ impl Observer {
 
     /// Nothing is held.
     const fn clear(&mut self) {
-        self.entries = [None; HELD];
-        self.worlds = Worlds::NONE;
-        self.place = None;
+        *self = Self {
+            last_ends: self.last_ends,
+            ..Self::new()
+        };
     }
 
     /// The drive has dropped all of them, or will (S6).

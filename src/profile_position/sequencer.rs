@@ -268,7 +268,8 @@ impl Sequencer {
             self.blocked = None;
             return;
         };
-        let shown = self.send_start_bits(&request.command, cycle.rules.traits);
+        let within = self.check_limits(&request.command, cycle);
+        let shown = within.is_ok() && self.send_start_bits(&request.command, cycle.rules.traits);
         let ready = match self.place_for(&request.command, &cycle.rules) {
             Place::Free => self.handshake.is_free(cycle),
             Place::Full => self.handshake.is_free(cycle) || self.handshake.is_low_seen(),
@@ -283,11 +284,10 @@ impl Sequencer {
         };
         if ready {
             self.blocked = None;
-            if !cycle.delivered || !shown {
-                return;
-            }
-            if let Err(failure) = self.check_limits(&request.command, cycle) {
+            if let Err(failure) = within {
                 self.end_pending(request.id, failure, events);
+            } else if !cycle.delivered || !shown {
+                // The next fresh inputs decide.
             } else if request.command.gated {
                 self.armed = Some(request.id);
             } else {
