@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use servocrab::{
-    axis::{Delivery, Failure, Referencing, WaitingFor},
+    axis::{Delivery, Failure, ParameterFault, Referencing, Unsupported, WaitingFor},
     bus::{AxisConfig, DriveConfig, Network},
     coe::obj,
     drives,
@@ -158,10 +158,14 @@ fn without_60ffh_a_drive_that_lacks_mode_3_is_refused_for_that_and_another_one_f
         let error = rig.until(x.profile_velocity()).unwrap_err();
         let (failure, text) = (error.failure().unwrap(), error.to_string());
         if lacks_mode {
-            assert_eq!(failure, Failure::ModeNotSupported { mode });
+            assert_eq!(failure, Failure::Unsupported(Unsupported::Mode(mode)));
             assert!(text.contains("6502h") && !text.contains("60FFh"), "{text}");
         } else {
-            assert!(matches!(failure, Failure::NotMapped(_)), "{text}");
+            let fault = ParameterFault::NotMapped;
+            assert!(
+                matches!(failure, Failure::Parameter { fault: why, .. } if why == fault),
+                "{text}"
+            );
             assert!(text.contains("60FFh"), "{text}");
         }
         let held = x.drive_settings().supported_modes.unwrap();
@@ -189,7 +193,7 @@ fn a_mode_that_6502h_does_not_name_is_refused_and_without_6502h_it_is_tried() {
         let failure = error.failure().unwrap();
         if without.is_empty() {
             let mode = Mode::ProfileVelocity;
-            assert_eq!(failure, Failure::ModeNotSupported { mode });
+            assert_eq!(failure, Failure::Unsupported(Unsupported::Mode(mode)));
             let text = error.to_string();
             assert!(
                 text.contains("profile velocity mode (3)") && text.contains("6502h"),

@@ -127,10 +127,7 @@ fn none_starts_when_one_would_end_beyond_a_limit() {
         let error = machine.finish(start_together(requests)).unwrap_err();
         assert!(matches!(
             error.failure(),
-            Some(Failure::BeyondLimit {
-                target: 1_001..,
-                ..
-            })
+            Some(Failure::BeyondLimit { asked: 1_001.., .. })
         ));
         assert!(!was_sent(&error), "{error}");
         machine.run(300);
