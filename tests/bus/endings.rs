@@ -272,17 +272,3 @@ fn who_waits_for_events_learns_of_an_end_that_nobody_waited_for() {
     let mut told = pin!(async { while events.next().await.is_some() {} });
     assert!(poll(&mut told).is_ready(), "and so have the events");
 }
-
-#[test]
-fn who_waits_for_events_learns_of_the_end_of_a_network_that_was_dropped() {
-    let line = one_drive();
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
-    let events = rig.net().events();
-    let stop = rig.net().stop_handle();
-    drop(rig.net.take());
-    while rig.bus.turn() {}
-    drop(rig.bus);
-    let mut told = pin!(async { while events.next().await.is_some() {} });
-    assert!(poll(&mut told).is_ready(), "the network is gone");
-    drop(stop);
-}

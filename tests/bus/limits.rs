@@ -217,27 +217,3 @@ fn limits_that_hold_after_homing_are_checked_after_homing() {
     move_to(&mut rig, &pp, 700).unwrap();
     rig.shutdown();
 }
-
-/// A start-up line sets 607Dh:2 in SAFEOP, and the process data hold 607Ch. The axis reads 607Dh:2 after that line. A move beyond it
-/// is refused.
-#[test]
-fn limits_of_lines_of_safe_op_hold_where_another_limit_is_in_the_process_data() {
-    use servocrab::parameters::Transition;
-    let drive = second_axis_limited()
-        .start_up(
-            StartUpWrite::new(obj::SOFTWARE_LIMIT_MAX.axis(2), 2_000).at(Transition::SafeOpToOp),
-        )
-        .change_axis("y", |axis| axis.map_output(obj::HOME_OFFSET));
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
-    let y = rig.net().axis("y").unwrap();
-    rig.until(y.enable()).unwrap();
-    let pp = rig.until(y.profile_position()).unwrap();
-    let held = line.segment().axis(0, 1).unwrap().get(0x607D, 2);
-    assert_eq!(held, Some(2_000));
-    let outcome = move_to(&mut rig, &pp, 3_000).map_err(|error| error.failure());
-    assert!(
-        matches!(outcome, Err(Some(Failure::BeyondLimit { .. }))),
-        "607Dh:2 is {held:?}: {outcome:?}"
-    );
-}

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use servocrab::{
     bus::{DevicePlace, DriveConfig, Expected, Network, NetworkBuilder},
-    coe::{Mappable, Object, ReadWrite, obj},
+    coe::obj,
     drives,
     link::Wire,
     parameters::StartUpWrite,
@@ -90,36 +90,6 @@ fn an_sdo_transfer_after_the_shutdown() {
         "reading 6041h:00: nothing serves the mailbox of this device: its network was shut down or has ended, or it has no \
          mailbox"
     );
-}
-
-#[test]
-fn a_refused_mapping_with_its_entry_and_its_abort_code() {
-    let object = |index, subindex| -> Object<u32, ReadWrite> {
-        Object::new(index, subindex, "of the test").mappable(Mappable::BOTH)
-    };
-    let cases = [
-        (
-            akd2g().change_axis("x", |axis| axis.map_input(object(0x2FFE, 7))),
-            "mapping 2FFEh:07 (32 bits) (1A00h:05): writing 1A00h:05: device refused: object does not exist (06020000h)",
-        ),
-        (
-            // The second axis' own object, in the second axis' own PDO.
-            akd2g().change_axis("y", |axis| axis.map_input(object(0x6067, 0))),
-            "mapping 6867h:00 (32 bits) (1A10h:05): writing 1A10h:05: device refused: object cannot be mapped into a \
-             PDO (06040041h)",
-        ),
-        (
-            akd2g().change_axis("x", |axis| axis.map_output(object(0x6041, 0))),
-            "mapping 6041h:00 (32 bits) (1600h:07): writing 1600h:07: device refused: object cannot be mapped into a \
-             PDO (06040041h)",
-        ),
-    ];
-    for (drive, expected) in cases {
-        assert_eq!(
-            message(on(one_drive(), 0, drive)),
-            format!("{DRIVE}mapping its PDOs: {expected}")
-        );
-    }
 }
 
 #[test]
