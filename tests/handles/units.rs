@@ -195,14 +195,23 @@ fn a_path_and_its_end_are_told_in_the_programs_units() {
             (Reference::Absolute, 9.5)
         ]
     );
+    // A position within the window, of ten counts, shows that it was there.
+    let reached = followed.iter().flatten().zip([2.5, 2.0]);
+    for (followed, target) in reached {
+        let Outcome::Reached { position } = followed.outcome else {
+            panic!("{}", followed.outcome);
+        };
+        assert!((position - target).abs() < 0.0105, "{position}");
+        assert_eq!(followed.outcome.to_string(), format!("reached {position}"));
+    }
     let texts: Vec<_> = followed
-        .into_iter()
+        .iter()
         .map(|followed| match followed {
             Ok(followed) => followed.outcome.to_string(),
             Err(error) => error.to_string(),
         })
         .collect();
-    assert_eq!(texts[..2], ["reached 2.5", "reached 2"]);
+    assert!(followed[0].is_ok() && followed[1].is_ok(), "{texts:?}");
     assert!(
         texts[2].contains("stands at 9 mm instead of 9.5 mm"),
         "{}",
