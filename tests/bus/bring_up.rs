@@ -10,10 +10,9 @@ use servocrab::{
     bus::{
         AxisConfig, BringUpStep, DriveConfig, DriveFault, Network, NetworkBuilder, NetworkError,
     },
-    coe::{Mappable, Object, ObjectAddress, ReadWrite, obj},
+    coe::{Mappable, Object, ReadWrite, obj},
     drives,
     link::Wire,
-    parameters::{StartUpWrite, Transition},
     profile_position::{Limits, Outcome, PositionRange, SetPoint},
 };
 use servocrab_sim::{AlState, Direction, Segment, personality};
@@ -267,41 +266,6 @@ fn a_watchdog_that_is_not_longer_than_a_cycle_is_refused_before_anything_is_sent
         assert!(error.to_string().contains("at least 1.1ms"), "{error}");
         assert_eq!(*frames.lock().unwrap(), 0);
     }
-}
-
-#[test]
-fn cycles_in_safeop_are_no_loss() {
-    // What is written there takes more cycles than an axis may miss in OP.
-    let mut device = personality::akd2g();
-    device.set_mailbox_delay(Duration::from_millis(300));
-    let line = Line::new(Segment::new().with(device));
-    let write = StartUpWrite::to(ObjectAddress::new(0x6067, 0), 50_u32);
-    let drive = akd2g().start_up(write.at(Transition::SafeOpToOp));
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
-    line.segment()
-        .device_mut(0)
-        .unwrap()
-        .set_mailbox_delay(Duration::ZERO);
-    rig.run_for(Duration::from_millis(300));
-    let events = rig.net().events();
-    let waiting = smol::future::poll_once(events.next());
-    assert_eq!(
-        smol::block_on(waiting)
-            .flatten()
-            .map(|event| event.to_string()),
-        None
-    );
-    for name in ["x", "y"] {
-        assert!(!rig.net().axis(name).unwrap().status().lost, "{name}");
-    }
-    // In OP they are one.
-    line.segment()
-        .device_mut(0)
-        .unwrap()
-        .fall_to_safe_op(0x8001);
-    rig.run_for(Duration::from_millis(500));
-    assert!(rig.net().axis("x").unwrap().status().lost);
-    rig.shutdown();
 }
 
 #[test]

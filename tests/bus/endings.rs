@@ -18,9 +18,9 @@ use servocrab::{
     coe::SdoError,
     drives,
     link::{Fate, Link},
-    profile_position::{Outcome, SetPoint},
+    profile_position::SetPoint,
 };
-use servocrab_sim::{Segment, ds402, personality};
+use servocrab_sim::{Segment, personality};
 use smol::stream::StreamExt;
 
 use crate::{
@@ -181,32 +181,6 @@ fn a_dead_line_of_eighty_drives_is_shut_down_as_soon_as_one_of_two() {
     // Requests that nobody answers are given up after 120 ms, and 64 of them are on their way at once.
     assert!(took[1] <= took[0] + 500 * MS, "{took:?}");
     assert!(took[1] < Duration::from_secs(3), "{took:?}");
-}
-
-/// Its 606Ch is seldom 0, and on arrival it is not settled yet.
-#[test]
-fn a_handle_that_is_dropped_on_arrival_ends_nothing_of_the_next_one() {
-    const MOVES: i32 = 20;
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
-    for number in 1..=MOVES {
-        drop(rig.net().axis("x").unwrap());
-        let outcome = rig.moved("x", 1_000 * number);
-        assert!(
-            matches!(outcome, Outcome::Reached { .. }),
-            "{number}: {outcome:?}"
-        );
-    }
-    let segment = line.segment();
-    let ledger = segment.axis(0, 0).unwrap().ledger();
-    assert_eq!(ledger.len(), MOVES as usize);
-    assert!(
-        ledger
-            .iter()
-            .all(|line| line.outcome == ds402::Outcome::Reached)
-    );
-    drop(segment);
-    rig.shutdown();
 }
 
 /// As on a thread of its own: what is waited for ends with the network, not with the loop's memory.

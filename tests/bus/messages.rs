@@ -4,11 +4,8 @@ use std::time::Duration;
 
 use servocrab::{
     bus::{DevicePlace, DriveConfig, Expected, Network, NetworkBuilder},
-    coe::obj,
     drives,
     link::Wire,
-    parameters::StartUpWrite,
-    profile_position::PositionRange,
 };
 use servocrab_sim::{Segment, personality};
 
@@ -26,11 +23,6 @@ fn message(builder: NetworkBuilder) -> String {
         Ok(_) => panic!("it was started"),
         Err(error) => error.to_string(),
     }
-}
-
-fn on(segment: Segment, position: u16, drive: DriveConfig) -> NetworkBuilder {
-    let line = Line::new(segment);
-    Network::builder().link(line.wire()).drive(position, drive)
 }
 
 #[test]
@@ -52,29 +44,6 @@ fn no_answer_and_no_subdevice() {
     assert_eq!(
         message(Network::builder().drive(0, akd2g())),
         "no link was given: name an interface, or give a link"
-    );
-}
-
-#[test]
-fn a_turn_that_is_none_and_a_statusword_in_a_start_up_list() {
-    let turn = PositionRange { min: 5, max: 5 };
-    let drive = akd2g().change_axis("y", |axis| axis.modulo_over(turn));
-    let error = message(on(one_drive(), 0, drive));
-    assert!(
-        error.ends_with(
-            "`modulo_over` gives axis `y` the positions 5 to 5, which are no turn: its greatest position must be above its \
-             least, and not both the ends of the type"
-        ),
-        "{error}"
-    );
-    let list = StartUpWrite::to(obj::STATUSWORD.axis(2).address(), 0_u16);
-    let error = message(on(one_drive(), 0, akd2g().start_up(list)));
-    assert!(
-        error.ends_with(
-            "start-up list: line 1 of 1, 6841h:00 statusword: the statusword can only be read: take the line out; an axis is \
-             commanded by its handle, and parameters are other objects"
-        ),
-        "{error}"
     );
 }
 

@@ -8,7 +8,7 @@ use std::{
         Arc, Mutex,
         atomic::{AtomicUsize, Ordering::Relaxed},
     },
-    task::{Context, Wake, Waker},
+    task::{Context, Waker},
     time::Duration,
 };
 
@@ -19,7 +19,7 @@ use servocrab::{
     link::{Fate, Wire},
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{Device, Segment, ds402::Plant, personality};
+use servocrab_sim::{Device, Segment, personality};
 
 use crate::{
     cable::Cable,
@@ -398,48 +398,4 @@ fn the_pages_table_is_what_the_formula_gives() {
         count += 1;
     }
     assert_eq!(count, 11);
-}
-
-/// How often somebody who waits was woken.
-#[derive(Default)]
-struct Woken(AtomicUsize);
-
-impl Wake for Woken {
-    fn wake(self: Arc<Self>) {
-        self.0.fetch_add(1, Relaxed);
-    }
-}
-
-#[test]
-fn who_waits_for_a_change_of_one_axis_is_woken_by_that_axis_alone() {
-    let drives = vec![1; 3];
-    // No count of them changes at rest.
-    let line = line(&drives);
-    line.segment().set_plant(Plant::ideal());
-    let mut rig = Rig::start(network(line.wire(), &drives, false)).unwrap();
-    let axes = ["0", "1", "2"].map(|name| rig.net().axis(name).unwrap());
-    rig.run_for(10 * MS);
-    let woken: [Arc<Woken>; 3] = Default::default();
-    let mut changes = axes.each_ref().map(|axis| Box::pin(axis.changed()));
-    // What has changed before may wake them once, and who was woken looks again.
-    for _ in 0..2 {
-        for (change, woken) in changes.iter_mut().zip(&woken) {
-            let waker = Waker::from(Arc::clone(woken));
-            let polled = change.as_mut().poll(&mut Context::from_waker(&waker));
-            assert!(polled.is_pending());
-        }
-        rig.run_for(10 * MS);
-    }
-    let woken = || woken.each_ref().map(|woken| woken.0.load(Relaxed));
-    let [first, second, third] = woken();
-    rig.run_for(10 * MS);
-    assert_eq!(woken(), [first, second, third], "by no cycle");
-    rig.until(axes[1].enable()).unwrap();
-    assert!(woken()[1] > second);
-    assert_eq!((woken()[0], woken()[2]), (first, third));
-    let [_, second, _] = &mut changes;
-    let polled = second
-        .as_mut()
-        .poll(&mut Context::from_waker(Waker::noop()));
-    assert!(polled.is_ready());
 }

@@ -180,39 +180,6 @@ fn a_fault_comes_with_the_cycles_that_led_to_it() {
 }
 
 #[test]
-fn a_lost_drive_is_told_first_and_then_each_of_its_axes_with_what_was_sent_to_it() {
-    let line = two_drives();
-    let mut rig = start(&line);
-    let events = rig.net().events();
-    run(&mut rig, 20);
-    line.segment().unplug(1);
-    assert!(matches!(
-        rig.until(events.next()),
-        Some(NetworkEvent::Lost(_))
-    ));
-    for name in ["x", "y"] {
-        let Some(NetworkEvent::AxisIncident(black_box)) = rig.until(events.next()) else {
-            panic!("no black box of {name}");
-        };
-        assert_eq!(
-            (black_box.axis.axis.as_str(), black_box.incident),
-            (name, Some(AxisIncident::Lost))
-        );
-        let last = black_box.cycles.last().unwrap();
-        assert_eq!((last.answered, last.inputs), (Answered::Nothing, None));
-        let answered = |kind| {
-            black_box
-                .cycles
-                .iter()
-                .filter(|cycle| cycle.answered == kind)
-                .count()
-        };
-        assert!(answered(Answered::Delivered) > 10);
-    }
-    rig.shutdown();
-}
-
-#[test]
 fn the_ports_tell_which_cable_damages_frames() {
     let line = two_drives();
     let mut rig = start(&line);
