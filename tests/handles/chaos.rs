@@ -184,7 +184,7 @@ fn live(seed: u64) -> (usize, usize) {
 #[test]
 fn every_future_resolves_and_the_ledger_agrees_whatever_is_asked_dropped_or_lost() {
     let (mut asked, mut reached) = (0, 0);
-    for seed in 0..400 {
+    for seed in 0..900 {
         let (moves, arrived) = live(seed);
         asked += moves;
         reached += arrived;
