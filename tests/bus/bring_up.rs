@@ -10,10 +10,9 @@ use servocrab::{
     bus::{
         AxisConfig, BringUpStep, DriveConfig, DriveFault, Network, NetworkBuilder, NetworkError,
     },
-    coe::{Mappable, Object, ObjectAddress, ReadWrite, obj},
+    coe::{Mappable, Object, ReadWrite, obj},
     drives,
     link::Wire,
-    parameters::{StartUpWrite, Transition},
     profile_position::{Limits, Outcome, PositionRange, SetPoint},
 };
 use servocrab_sim::{AlState, Direction, Segment, personality};
@@ -113,20 +112,6 @@ fn pitfall_37_process_data_are_what_coe_says_and_not_what_the_sii_says() {
 }
 
 #[test]
-fn a_link_without_answer_and_one_without_subdevice_are_told_apart() {
-    let latency = Duration::from_micros(10);
-    let silent = Wire::in_virtual_time(latency, |_, _| false);
-    let error = refused(Network::builder().link(silent).drive(0, akd2g()));
-    assert!(matches!(error, NetworkError::NoAnswer), "{error}");
-    let empty = Wire::in_virtual_time(latency, |frame, _| {
-        frame[6] |= 2;
-        true
-    });
-    let error = refused(Network::builder().link(empty).drive(0, akd2g()));
-    assert!(matches!(error, NetworkError::NoSubDevice), "{error}");
-}
-
-#[test]
 fn a_working_counter_beyond_what_a_line_can_have_is_believed_by_nobody() {
     for got in [0x1001_u16, 0xFFFF] {
         let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame, _| {
@@ -198,36 +183,6 @@ fn an_eeprom_that_is_busy_from_before_is_waited_for() {
         let builder = Network::builder().link(line.wire()).drive(0, akd2g());
         Rig::start(builder).unwrap().shutdown();
     }
-}
-
-#[test]
-fn a_drive_that_compares_trigger_and_time_of_the_watchdog_takes_it_on_and_off() {
-    let with = |builder: NetworkBuilder| {
-        let drive = DriveConfig::new(drives::generic()).axis("x");
-        let line = Line::new(Segment::new().with(personality::generic()));
-        Rig::start(builder.link(line.wire()).drive(0, drive))
-            .unwrap()
-            .shutdown();
-    };
-    with(Network::builder());
-    with(Network::builder().without_watchdog("nothing is mounted on the motor"));
-}
-
-#[test]
-fn a_drive_that_refuses_safe_op_is_quoted_with_its_al_status_code() {
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    // One byte more in sync manager 2 than the drive has mapped.
-    let wire = line.spoiled_wire(|frame| {
-        for datagram in datagrams(frame) {
-            if is_write_to(datagram, 0x0810) {
-                datagram[12] += 1;
-            }
-        }
-    });
-    let error = refused(Network::builder().link(wire).drive(0, akd2g()));
-    let text = error.to_string();
-    assert!(text.contains("SAFEOP"), "{text}");
-    assert!(text.contains("001Dh"), "{text}");
 }
 
 #[test]
@@ -314,41 +269,6 @@ fn a_watchdog_that_is_not_longer_than_a_cycle_is_refused_before_anything_is_sent
 }
 
 #[test]
-fn cycles_in_safeop_are_no_loss() {
-    // What is written there takes more cycles than an axis may miss in OP.
-    let mut device = personality::akd2g();
-    device.set_mailbox_delay(Duration::from_millis(300));
-    let line = Line::new(Segment::new().with(device));
-    let write = StartUpWrite::to(ObjectAddress::new(0x6067, 0), 50_u32);
-    let drive = akd2g().start_up(write.at(Transition::SafeOpToOp));
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
-    line.segment()
-        .device_mut(0)
-        .unwrap()
-        .set_mailbox_delay(Duration::ZERO);
-    rig.run_for(Duration::from_millis(300));
-    let events = rig.net().events();
-    let waiting = smol::future::poll_once(events.next());
-    assert_eq!(
-        smol::block_on(waiting)
-            .flatten()
-            .map(|event| event.to_string()),
-        None
-    );
-    for name in ["x", "y"] {
-        assert!(!rig.net().axis(name).unwrap().status().lost, "{name}");
-    }
-    // In OP they are one.
-    line.segment()
-        .device_mut(0)
-        .unwrap()
-        .fall_to_safe_op(0x8001);
-    rig.run_for(Duration::from_millis(500));
-    assert!(rig.net().axis("x").unwrap().status().lost);
-    rig.shutdown();
-}
-
-#[test]
 fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     let text = |builder: NetworkBuilder| refused(builder).to_string();
@@ -389,74 +309,6 @@ fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
     }
     assert!(text(Network::builder().drive(0, akd2g())).contains("no link"));
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
-}
-
-#[test]
-fn a_start_that_is_given_up_ends_the_loop_and_leaves_the_drives_in_init() {
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    let (starting, mut bus) = Network::builder()
-        .link(line.wire())
-        .drive(0, akd2g())
-        .split()
-        .unwrap();
-    while line.segment().devices()[0].al_state() != AlState::PreOp {
-        assert!(bus.turn());
-    }
-    drop(starting);
-    bus.run();
-    assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
-}
-
-#[test]
-fn more_drives_than_one_frame_holds_exchange_in_two_and_fall_silent_alone() {
-    // 60 bytes each: 1800 bytes in all.
-    const DRIVES: u16 = 30;
-    let mut segment = Segment::new();
-    let mut builder = Network::builder();
-    for position in 0..DRIVES {
-        segment.push(personality::akd2g());
-        let drive = DriveConfig::new(drives::akd2g())
-            .axis(format!("x{position}"))
-            .axis(format!("y{position}"));
-        builder = builder.drive(position, drive);
-    }
-    let line = Line::new(segment);
-    let mut rig = Rig::start(builder.link(line.wire())).unwrap();
-    let first = rig.net().axis("y0").unwrap();
-    let last = rig.net().axis("y29").unwrap();
-    rig.until(first.enable()).unwrap();
-    rig.until(last.enable()).unwrap();
-    let statistics = rig.net().statistics();
-    assert_eq!(statistics.wrong_working_counters, 0, "{statistics:?}");
-    line.segment().unplug(29);
-    rig.run_for(Duration::from_millis(100));
-    assert!(last.status().lost);
-    assert!(!first.status().lost);
-    let before = rig.net().statistics().wrong_working_counters;
-    rig.run_for(Duration::from_millis(100));
-    let after = rig.net().statistics().wrong_working_counters;
-    assert_eq!(before, after, "nothing is expected of a drive that is lost");
-    rig.shutdown();
-}
-
-#[test]
-fn an_emergency_of_a_running_drive_is_delivered_in_time() {
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
-    let emergencies = rig.net().emergencies(0).unwrap();
-    let now = rig.bus.now();
-    line.segment()
-        .device_mut(0)
-        .unwrap()
-        .inject_emergency(0x7320, 0x20, [1, 2, 3, 4, 5], now);
-    let got = rig.until(emergencies.next()).unwrap().emergency().unwrap();
-    assert_eq!(got.emergency.code, 0x7320);
-    assert!(
-        got.at - now < Duration::from_millis(50),
-        "{:?}",
-        got.at - now
-    );
-    rig.shutdown();
 }
 
 fn refused(builder: NetworkBuilder) -> NetworkError {

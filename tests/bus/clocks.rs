@@ -297,23 +297,6 @@ fn a_drive_left_in_sync0_follows_its_process_data_without_clocks() {
 }
 
 #[test]
-fn a_drive_left_in_sync0_gets_the_types_that_its_description_names() {
-    // Where that names SYNC0 itself it says nothing about a program without clocks.
-    for (named, held) in [([Some(0), Some(0)], [0, 0]), ([Some(2), None], [1, 34])] {
-        let (line, begin) = left_by_a_program_with_clocks(Servo::akd2g().sm_synchronous());
-        let mut description = drives::akd2g();
-        description.sync_types = named;
-        let drive = DriveConfig::new(description).axis("x");
-        let builder = Network::builder().link(line.wire_from(begin));
-        let mut rig = Rig::start(builder.drive(0, drive)).unwrap();
-        let sdo = rig.net().sdo(0).unwrap();
-        let kinds = [obj::OUTPUT_SYNC_TYPE, obj::INPUT_SYNC_TYPE];
-        assert_eq!(kinds.map(|kind| rig.until(sdo.read(kind)).unwrap()), held);
-        rig.shutdown();
-    }
-}
-
-#[test]
 fn a_drive_left_in_sync0_that_has_free_run_alone_is_refused_with_what_to_write() {
     let (line, begin) = left_by_a_program_with_clocks(Servo::akd2g());
     let drive = DriveConfig::new(drives::akd2g()).axis("x");

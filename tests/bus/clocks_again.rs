@@ -2,12 +2,10 @@
 
 use std::time::Duration;
 
-use servocrab::bus::{
-    DistributedClock, DriveConfig, DriveFault, Network, NetworkError, Recovered, ReferenceClock,
-};
+use servocrab::bus::{DistributedClock, DriveConfig, Network, Recovered, ReferenceClock};
 use servocrab::drives;
 use servocrab::profile_position::{Outcome, SetPoint};
-use servocrab_sim::{AlState, Segment, personality};
+use servocrab_sim::{AlState, Segment};
 
 use crate::clocks::{apart, insisting, mistakes};
 use crate::rig::{Line, Rig, unhomed};
@@ -130,40 +128,5 @@ fn one_that_fell_to_init_with_its_clock_running_follows_again_the_reference_too(
         rig.run_for(100 * MS);
         all_agree(&line, &mut rig);
     }
-    rig.shutdown();
-}
-
-/// A frame takes another time to it than the clocks know, however often it is asked for.
-#[test]
-fn one_whose_line_lacks_a_device_in_front_of_it_is_refused_each_time() {
-    let mut segment = Segment::new().with(insisting(MS, 0.0, 5_000_000_000));
-    segment.push(personality::coupler());
-    segment.push(insisting(MS, 0.0, 77));
-    assert_eq!(segment.attach(1, 3, personality::coupler()), Some(2));
-    let line = Line::new(segment);
-    let builder = Network::builder().link(line.wire()).cycle(MS);
-    let builder = builder.drive(0, named("x"));
-    let mut rig = Rig::start(builder.drive(3, named("z"))).unwrap();
-    rig.run_for(SECOND);
-    line.segment().device_mut(2).unwrap().power_off();
-    rig.loses_power(&line, 3);
-    for _ in 0..3 {
-        let refused = rig.recover(3).unwrap_err();
-        let NetworkError::Drive { error, .. } = &refused else {
-            panic!("{refused:?}");
-        };
-        assert!(
-            matches!(**error, DriveFault::ClockOfRunningLine),
-            "{refused:?}"
-        );
-    }
-    let now = rig.bus.now();
-    line.segment().device_mut(2).unwrap().power_on(now);
-    rig.run_for(100 * MS);
-    let recovered = rig.recover(3).unwrap();
-    assert!(matches!(
-        recovered,
-        Recovered::BroughtUp { position: 3, .. }
-    ));
     rig.shutdown();
 }

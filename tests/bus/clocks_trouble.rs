@@ -16,11 +16,10 @@ use servocrab::{
         Network, NetworkBuilder, NetworkError, NetworkEvent, ReferenceClock,
     },
     drives,
-    ds402::State,
     link::{Fate, Wire},
     profile_position::SetPoint,
 };
-use servocrab_sim::{AlState, ClockWidth, Segment, ds402::State as Power, personality::Servo};
+use servocrab_sim::{AlState, Segment, ds402::State as Power, personality::Servo};
 
 use crate::{
     clocks::{insisting, mistakes},
@@ -341,26 +340,4 @@ fn a_clock_that_stands_still_is_named_at_the_bring_up() {
     let text = Rig::start(builder).err().unwrap().to_string();
     assert!(text.contains("that of drive 0 \"SGD7S\""), "{text}");
     assert!(text.contains("stands still"), "{text}");
-}
-
-#[test]
-fn a_reference_of_32_bits_jumps_too() {
-    let mut reference = Servo::sigma7().clock(Some(ClockWidth::Bits32)).build();
-    reference.set_clock(4_000_000_000, 0.0);
-    let line = Line::new(Segment::new().with(reference).with(insisting(MS, 20.0, 5)));
-    let y = DriveConfig::new(drives::sigma7())
-        .axis("y")
-        .dc(DistributedClock::new(0x0300));
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(1, y)).unwrap();
-    rig.run_for(Duration::from_secs(6));
-    assert!(clock(&rig).locked);
-    line.segment()
-        .device_mut(0)
-        .unwrap()
-        .set_clock(1_000_000_000, 0.0);
-    rig.run_for(40 * MS);
-    assert_eq!(clock(&rig).reference, ReferenceClock::Jumped);
-    let y = rig.net().axis("y").unwrap();
-    assert_ne!(y.status().state, State::OperationEnabled);
-    rig.shutdown();
 }

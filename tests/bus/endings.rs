@@ -18,9 +18,9 @@ use servocrab::{
     coe::SdoError,
     drives,
     link::{Fate, Link},
-    profile_position::{Outcome, SetPoint},
+    profile_position::SetPoint,
 };
-use servocrab_sim::{Segment, ds402, personality};
+use servocrab_sim::{Segment, personality};
 use smol::stream::StreamExt;
 
 use crate::{
@@ -183,32 +183,6 @@ fn a_dead_line_of_eighty_drives_is_shut_down_as_soon_as_one_of_two() {
     assert!(took[1] < Duration::from_secs(3), "{took:?}");
 }
 
-/// Its 606Ch is seldom 0, and on arrival it is not settled yet.
-#[test]
-fn a_handle_that_is_dropped_on_arrival_ends_nothing_of_the_next_one() {
-    const MOVES: i32 = 20;
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
-    for number in 1..=MOVES {
-        drop(rig.net().axis("x").unwrap());
-        let outcome = rig.moved("x", 1_000 * number);
-        assert!(
-            matches!(outcome, Outcome::Reached { .. }),
-            "{number}: {outcome:?}"
-        );
-    }
-    let segment = line.segment();
-    let ledger = segment.axis(0, 0).unwrap().ledger();
-    assert_eq!(ledger.len(), MOVES as usize);
-    assert!(
-        ledger
-            .iter()
-            .all(|line| line.outcome == ds402::Outcome::Reached)
-    );
-    drop(segment);
-    rig.shutdown();
-}
-
 /// As on a thread of its own: what is waited for ends with the network, not with the loop's memory.
 #[test]
 fn what_a_program_in_virtual_time_waits_for_ends_with_the_network() {
@@ -271,18 +245,4 @@ fn who_waits_for_events_learns_of_an_end_that_nobody_waited_for() {
     assert!(poll(&mut changed).is_ready(), "an axis' changes have ended");
     let mut told = pin!(async { while events.next().await.is_some() {} });
     assert!(poll(&mut told).is_ready(), "and so have the events");
-}
-
-#[test]
-fn who_waits_for_events_learns_of_the_end_of_a_network_that_was_dropped() {
-    let line = one_drive();
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
-    let events = rig.net().events();
-    let stop = rig.net().stop_handle();
-    drop(rig.net.take());
-    while rig.bus.turn() {}
-    drop(rig.bus);
-    let mut told = pin!(async { while events.next().await.is_some() {} });
-    assert!(poll(&mut told).is_ready(), "the network is gone");
-    drop(stop);
 }

@@ -1,22 +1,19 @@
-//! Starts and scans that are dropped after each poll, or kept and not polled: nothing stays behind, and the next one works.
+//! Starts that are dropped after each poll, or kept and not polled: nothing stays behind, and the next one works.
 
 use std::{
     future::Future,
-    io,
     pin::Pin,
-    sync::{Arc, Condvar, Mutex, MutexGuard},
-    task::{Context, Poll, Wake, Waker},
-    thread,
-    time::{Duration, Instant},
+    sync::Arc,
+    task::{Context, Poll, Waker},
+    time::Duration,
 };
 
 use servocrab::{
     bus::{BusLoop, DistributedClock, Expected, IoConfig, Network, NetworkBuilder},
     drives,
-    link::{Link, Wire},
     profile_position::Outcome,
 };
-use servocrab_sim::{AlState, Device, Segment, ds402::State, personality};
+use servocrab_sim::{AlState, Segment, ds402::State, personality};
 
 use crate::rig::{Line, Rig, unhomed};
 
@@ -180,211 +177,4 @@ fn a_start_is_kept_after_every_poll_and_its_drives_wait_without_power() {
 
 fn axis_state(line: &Line) -> State {
     line.segment().axis(0, 0).unwrap().state()
-}
-
-/// Stops a link before its frame of this number until somebody wakes it: a network that is dropped does.
-struct Gate {
-    before: usize,
-    seen: Mutex<Seen>,
-    changed: Condvar,
-}
-
-#[derive(Default)]
-struct Seen {
-    sent: usize,
-    /// The frame is about to be sent.
-    reached: bool,
-    opened: bool,
-    /// The program is to poll.
-    woken: bool,
-    /// It has what it wanted, and no frame is stopped any more.
-    done: bool,
-}
-
-impl Gate {
-    fn before(number: usize) -> Arc<Self> {
-        Arc::new(Self {
-            before: number,
-            seen: Mutex::default(),
-            changed: Condvar::new(),
-        })
-    }
-
-    fn change(&self, change: impl FnOnce(&mut Seen)) {
-        change(&mut self.seen.lock().unwrap());
-        self.changed.notify_all();
-    }
-
-    /// Polls until the frame is about to be sent; what it gives, if that comes first.
-    fn poll_until_reached<F: Future + ?Sized>(
-        self: &Arc<Self>,
-        future: &mut Pin<Box<F>>,
-    ) -> Option<F::Output> {
-        let waker = Waker::from(Arc::new(Woken(Arc::clone(self))));
-        loop {
-            self.change(|seen| seen.woken = false);
-            if let Poll::Ready(value) = future.as_mut().poll(&mut Context::from_waker(&waker)) {
-                self.change(|seen| seen.done = true);
-                return Some(value);
-            }
-            if self.wait_until(|seen| seen.woken || seen.reached).reached {
-                return None;
-            }
-        }
-    }
-
-    fn wait_until(&self, is_so: impl Fn(&Seen) -> bool) -> MutexGuard<'_, Seen> {
-        let waits = |seen: &mut Seen| !is_so(seen);
-        self.changed
-            .wait_while(self.seen.lock().unwrap(), waits)
-            .unwrap()
-    }
-}
-
-impl Wake for Gate {
-    fn wake(self: Arc<Self>) {
-        self.change(|seen| seen.opened = true);
-    }
-}
-
-struct Woken(Arc<Gate>);
-
-impl Wake for Woken {
-    fn wake(self: Arc<Self>) {
-        self.0.change(|seen| seen.woken = true);
-    }
-}
-
-struct Gated {
-    wire: Wire,
-    gate: Arc<Gate>,
-}
-
-impl Link for Gated {
-    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
-        let mut seen = self.gate.seen.lock().unwrap();
-        if seen.sent == self.gate.before {
-            (seen.reached, seen.opened) = (true, false);
-            self.gate.changed.notify_all();
-            let shut = |seen: &mut Seen| !seen.opened && !seen.done;
-            seen = self.gate.changed.wait_while(seen, shut).unwrap();
-        }
-        seen.sent += 1;
-        drop(seen);
-        self.wire.send(frame)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-        self.wire.receive(buffer)
-    }
-
-    fn wait(&mut self, until: Duration) {
-        self.wire.wait(until);
-    }
-
-    fn now(&self) -> Duration {
-        self.wire.now()
-    }
-
-    fn is_virtual(&self) -> bool {
-        true
-    }
-
-    fn waker(&self) -> Waker {
-        Waker::from(Arc::clone(&self.gate))
-    }
-}
-
-/// Drops what `begin` gives before each frame that it sends, until it is ready before that; how many frames it takes.
-fn drop_before_each_frame<T>(
-    begin: impl Fn(Gated) -> Pin<Box<dyn Future<Output = T>>>,
-    is_well: impl Fn(&T),
-) -> usize {
-    let mut before = 0;
-    loop {
-        let line = line();
-        let gate = Gate::before(before);
-        let gated = Gated {
-            wire: line.wire(),
-            gate: Arc::clone(&gate),
-        };
-        let mut future = begin(gated);
-        let what = format!("before frame {before}");
-        let ready = gate.poll_until_reached(&mut future);
-        // A network that nobody has taken over yet goes on with its cycles.
-        let in_op = |device: &Device| device.al_state() == AlState::Op;
-        let is_ready = ready.is_some() || line.segment().devices().iter().all(in_op);
-        if let Some(value) = &ready {
-            is_well(value);
-        }
-        drop((future, ready));
-        // Dropping it has waited for its thread.
-        assert_eq!(Arc::strong_count(&line.0), 1, "{what}: the link is free");
-        // The thread that wakes may still hold the waker that it has just called.
-        let limit = Instant::now() + Duration::from_secs(60);
-        while Arc::strong_count(&gate) > 1 {
-            assert!(Instant::now() < limit, "{what}: a waker stays behind");
-            thread::yield_now();
-        }
-        is_left(&line, &what);
-        let sent = gate.seen.lock().unwrap().sent;
-        let begin = Duration::from_secs(60);
-        if before % 10 == 0 || is_ready {
-            works(&line, builder, begin, &what);
-        }
-        if is_ready {
-            return before;
-        }
-        assert!(sent >= before, "{what}");
-        before += 1;
-    }
-}
-
-#[test]
-fn a_scan_is_dropped_before_every_frame_and_nothing_stays_behind() {
-    let frames = drop_before_each_frame(
-        |link| Box::pin(Network::builder().link(link).scan()),
-        |scanned| assert_eq!(scanned.as_ref().unwrap().devices().len(), 2),
-    );
-    assert!(frames > 30, "{frames}");
-}
-
-#[test]
-fn a_scan_that_is_kept_waits_with_its_line_and_is_ready_when_it_is_polled_again() {
-    for is_taken_up in [true, false] {
-        let line = line();
-        // Nothing is sent before the scan was polled once: until then it cannot be over.
-        let gate = Gate::before(0);
-        let gated = Gated {
-            wire: line.wire(),
-            gate: Arc::clone(&gate),
-        };
-        let mut scan = Box::pin(Network::builder().link(gated).scan());
-        let waker = Waker::from(Arc::new(Woken(Arc::clone(&gate))));
-        let mut context = Context::from_waker(&waker);
-        assert!(scan.as_mut().poll(&mut context).is_pending());
-        drop(gate.wait_until(|seen| seen.reached));
-        gate.change(|seen| seen.opened = true);
-        drop(gate.wait_until(|seen| seen.woken));
-        for device in line.segment().devices() {
-            assert_eq!(device.al_state(), AlState::PreOp);
-        }
-        let polled = is_taken_up.then(|| poll(&mut scan));
-        let scanned = polled.map(|polled| match polled {
-            Poll::Ready(scanned) => scanned.unwrap(),
-            Poll::Pending => panic!("it is not ready"),
-        });
-        drop((scan, scanned));
-        assert_eq!(Arc::strong_count(&line.0), 1, "the link is free");
-        is_left(&line, "kept");
-    }
-}
-
-#[test]
-fn a_start_on_its_own_thread_is_dropped_before_every_frame_and_nothing_stays_behind() {
-    let frames = drop_before_each_frame(
-        |link| Box::pin(builder().link(link).start()),
-        |started| drop(started.as_ref().unwrap().axis("x").unwrap()),
-    );
-    assert!(frames > 50, "{frames}");
 }

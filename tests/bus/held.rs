@@ -8,18 +8,14 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, Failure},
+    axis::{Axis, Failure, Unsupported},
     bus::{DriveConfig, DriveFault, Network, NetworkError},
     coe::obj,
     drives::{self, DriveDescription},
     ds402::{State, StopOptions, VelocityWindows},
     profile_position::{Move, ProfilePosition},
 };
-use servocrab_sim::{
-    Segment,
-    ds402::{self, Plant},
-    personality::Servo,
-};
+use servocrab_sim::{Segment, ds402, personality::Servo};
 
 use crate::rig::{Line, Rig, unhomed};
 
@@ -165,7 +161,10 @@ fn where_605dh_is_0_bit_8_is_never_sent_and_a_stop_brakes() {
     for drive in DRIVES {
         let (line, mut rig, axis, _kept) = moving(drive, &[(0x605D, 0)]);
         let refused = rig.until(axis.halt()).unwrap_err();
-        assert_eq!(refused.failure(), Some(Failure::HaltCoasts));
+        assert_eq!(
+            refused.failure(),
+            Some(Failure::Unsupported(Unsupported::Halt))
+        );
         rig.run_for(10 * MS);
         assert_eq!(axis.status().state, State::OperationEnabled);
         let mut braked = false;
@@ -211,49 +210,4 @@ fn a_stop_in_a_fault_reaction_of_any_605eh_ends_when_the_axis_stands() {
             rig.shutdown();
         }
     }
-}
-
-/// How long a halt of a slow jog takes on a drive whose 606Fh is a revolution per second: 4096 counts/s. The window is wide enough for the
-/// noise of its encoder: 80 counts, in the settle time 800 counts/s.
-fn halted_after(documented: bool, deceleration: i64) -> Duration {
-    let plant = Plant {
-        dither: 1,
-        load_step: 0,
-        velocity_filter: 20 * MS,
-        velocity_step: 1,
-        ..Plant::default()
-    };
-    let held = [(0x606F, 4_096), (0x6067, 80), (0x6084, deceleration)];
-    let (line, _) = line((Servo::generic, drives::generic), &held);
-    line.segment().axis_mut(0, 0).unwrap().set_plant(plant);
-    let mut description = drives::generic();
-    description.traits.threshold_in_velocity_units = documented;
-    let drive =
-        unhomed(description, &["x"]).change_axis("x", |axis| axis.map_output(obj::TARGET_VELOCITY));
-    let (line, mut rig, axis) = start((line, drive));
-    rig.until(axis.enable()).unwrap();
-    let pv = rig.until(axis.profile_velocity()).unwrap();
-    // Nine tenths of a revolution per second.
-    let jog = rig.until(pv.jog(3_686)).unwrap();
-    rig.run_for(500 * MS);
-    let begun = rig.bus.now();
-    rig.until(axis.halt()).unwrap();
-    let told = rig.bus.now();
-    drop(jog);
-    let velocity = line.segment().axis(0, 0).unwrap().velocity();
-    assert!(velocity.abs() <= 800.0, "{velocity}");
-    assert_eq!(
-        axis.drive_settings().velocity_windows.threshold,
-        Some(4_096)
-    );
-    rig.shutdown();
-    told - begun
-}
-
-#[test]
-fn a_threshold_in_the_unit_of_606ch_shortens_a_standstill_and_never_makes_one() {
-    let (with, without) = (halted_after(true, 500_000), halted_after(false, 500_000));
-    assert!(with + 30 * MS < without, "{with:?} {without:?}");
-    // It is below the threshold all the way down, and stands when it is slower than the window in the settle time.
-    assert!(halted_after(true, 2_000) > 1_400 * MS);
 }

@@ -5,7 +5,6 @@ use std::{cell::RefCell, io, sync::Once, time::Duration};
 use servocrab::{
     axis::{Referencing, StopRequest},
     bus::{AxisConfig, DistributedClock, DriveConfig, Network},
-    coe::obj,
     drives,
     units::{Mm, Ratio, Scale},
 };
@@ -186,46 +185,6 @@ fn a_fault_that_nobody_waits_for_is_logged_once_with_its_axis_and_its_drive() {
 }
 
 #[test]
-fn what_ends_a_halt_with_the_operation_is_the_only_line_of_its_axis_and_a_resume_is_one() {
-    let of_x = |lines: &[String]| count(lines, &["axis=\"x\"", "state changed"]);
-    let resumed = |lines: &[String]| count(lines, &["INFO", "axis=\"x\"", "no longer halted"]);
-    let (line, mut rig) = two_drives();
-    let _moving = rig.starts_a_long_move("x");
-    let x = rig.net().axis("x").unwrap();
-    rig.until(x.halt()).unwrap();
-    let log = Log::begin();
-    rig.until(x.resume()).unwrap();
-    let lines = log.take();
-    assert_eq!(resumed(&lines), 1, "{lines:#?}");
-    rig.until(x.halt()).unwrap();
-    log.take();
-    // One line for each state: Quick stop active, Switch on disabled.
-    rig.net().stop_handle().stop_all(StopRequest::QUICK_STOP);
-    rig.run_for(200 * MS);
-    let lines = log.take();
-    assert_eq!(resumed(&lines), 0, "{lines:#?}");
-    assert!(of_x(&lines) > 0, "{lines:#?}");
-    rig.until(x.enable()).unwrap();
-    rig.until(x.halt()).unwrap();
-    log.take();
-    line.segment().axis_mut(0, 0).unwrap().inject_fault(0x7320);
-    rig.run_for(200 * MS);
-    let lines = log.take();
-    assert_eq!(count(&lines, &["ERROR", "axis=\"x\""]), 1, "{lines:#?}");
-    assert_eq!(resumed(&lines), 0, "{lines:#?}");
-    rig.until(x.reset_fault()).unwrap();
-    rig.until(x.enable()).unwrap();
-    rig.until(x.halt()).unwrap();
-    log.take();
-    line.segment().unplug(0);
-    rig.run_for(200 * MS);
-    let lines = log.take();
-    assert_eq!(count(&lines, &["axis=\"x\"", "counts as lost"]), 1);
-    assert_eq!(resumed(&lines), 0, "{lines:#?}");
-    drop(rig);
-}
-
-#[test]
 fn a_stop_from_the_stop_lane_and_an_unfed_liveness_are_logged_once() {
     let (_line, mut rig) = two_drives();
     let _moving = rig.starts_a_long_move("x");
@@ -271,35 +230,6 @@ fn a_drive_that_falls_silent_is_logged_for_itself_and_for_each_of_its_axes() {
         1
     );
     drop(rig);
-}
-
-#[test]
-fn an_object_that_no_pdo_of_the_drive_holds_is_told() {
-    use servocrab::pdo_map::{Entry, FixedPdo};
-    let mut description = drives::generic();
-    description.axes[0].rx_pdos.clear();
-    // As the simulated drive offers it.
-    let (controlword, target) = (Entry::new(0x6040, 0, 16), Entry::new(0x607A, 0, 32));
-    description.fixed_pdos = vec![FixedPdo::new(0x1601, [controlword, target])];
-    let log = Log::begin();
-    let line = Line::new(Segment::new().with(personality::generic()));
-    let axis = AxisConfig::new("x").map_output_if_there(obj::END_VELOCITY);
-    let drive = DriveConfig::new(description).axis(axis);
-    let rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
-    let lines = log.take();
-    let told = |object: &str| {
-        let parts = [
-            "INFO",
-            "axis=\"x\"",
-            object,
-            "is in no PDO that can be assigned",
-        ];
-        count(&lines, &parts)
-    };
-    let objects = ["6060h:00", "6081h:00", "6082h:00", "6083h:00", "6084h:00"];
-    assert_eq!(objects.map(told), [1; 5], "{lines:#?}");
-    assert_eq!(["6040h", "607Ah", "6041h", "6064h"].map(told), [0; 4]);
-    rig.shutdown();
 }
 
 #[test]

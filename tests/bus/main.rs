@@ -15,7 +15,6 @@ mod faults;
 mod given_up;
 mod habits;
 mod held;
-mod independent;
 mod io;
 mod limits;
 mod load;

@@ -324,53 +324,6 @@ fn a_mapping_that_the_drive_has_already_is_read_and_not_written() {
 }
 
 #[test]
-fn of_two_pdos_the_one_that_differs_is_filled_and_the_other_is_not() {
-    let mut description = drives::akd2g();
-    description.axes[1].outputs.reverse();
-    let plan = description.default_mapping().unwrap().plan();
-    let same = plan
-        .steps()
-        .iter()
-        .filter(|step| step.object.index == 0x1600);
-    let device = same.fold(Servo::akd2g(), |servo, step| {
-        servo.refuses_pdo_write(0x1600, step.object.subindex, value(step), Abort::State)
-    });
-    let both = config(description)
-        .axis(AxisConfig::new("y").referencing(Referencing::UnreferencedMovesAllowed));
-    moves(device.build(), both, &["x", "y"]);
-}
-
-#[test]
-fn each_step_of_the_mapping_that_a_drive_aborts_is_named_and_nothing_follows() {
-    let plan = another_order().default_mapping().unwrap().plan();
-    assert!(plan.steps().len() > 15);
-    for step in plan.steps() {
-        let (index, subindex) = (step.object.index, step.object.subindex);
-        let device = Servo::generic()
-            .refuses_pdo_write(index, subindex, value(step), Abort::State)
-            .build();
-        let (line, result) = started(device, config(another_order()));
-        let (text, at, fault) = fault(result);
-        assert_eq!(at, BringUpStep::Mapping, "{text}");
-        let DriveFault::MappingRefused {
-            step: refused,
-            error,
-        } = fault
-        else {
-            panic!("{step}: {text}");
-        };
-        assert_eq!(refused, *step);
-        assert_eq!(
-            error.abort_code().map(|code| code.0),
-            Some(0x0800_0022),
-            "{text}"
-        );
-        assert!(text.contains(&step.to_string()), "{text}");
-        assert_ne!(line.segment().devices()[0].al_state(), AlState::Op);
-    }
-}
-
-#[test]
 fn a_drive_that_confirms_a_step_and_keeps_what_it_had_never_reaches_op() {
     let plan = another_order().default_mapping().unwrap().plan();
     for step in plan.steps() {
@@ -384,72 +337,6 @@ fn a_drive_that_confirms_a_step_and_keeps_what_it_had_never_reaches_op() {
         assert_eq!(at, BringUpStep::Mapping, "{step}: {text}");
         assert_ne!(line.segment().devices()[0].al_state(), AlState::Op);
     }
-}
-
-/// What stands in a second place is never written: the drive would take the 0 there for its target.
-fn goes_where_it_is_asked_to(device: Device, description: DriveDescription) {
-    let (line, rig) = started(device, config(description));
-    // Refused with the reason it is as well.
-    let Ok(mut rig) = rig else { return };
-    let axis = rig.net().axis("x").unwrap();
-    let outcome = rig.until(async {
-        axis.enable().await.unwrap();
-        let mode = axis.profile_position().await.unwrap();
-        let set_point = servocrab::profile_position::SetPoint::new()
-            .velocity(100_000)
-            .acceleration(1_000_000)
-            .deceleration(1_000_000);
-        let motion = mode.move_abs(10_000, set_point).await.unwrap();
-        motion.done().await
-    });
-    let segment = line.segment();
-    let ledger = segment.axis(0, 0).unwrap().ledger();
-    let executed: Vec<_> = ledger.iter().map(|entry| entry.value).collect();
-    assert_eq!(
-        executed,
-        [10_000],
-        "the drive was sent elsewhere: {outcome:?}"
-    );
-}
-
-#[test]
-fn two_mandatory_pdos_with_one_target_are_refused_or_both_written() {
-    let device = Servo::generic()
-        .with_fixed_pdo(0x1701, &[(0x6040, 0, 16), (0x6060, 0, 8), (0x607A, 0, 32)])
-        .with_fixed_pdo(0x1702, &[(0x607A, 0, 32)])
-        .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
-        .fixed_mapping();
-    let mut description = fixed_description();
-    let mandatory = |index, entries: &[Entry]| FixedPdo {
-        mandatory: true,
-        ..FixedPdo::new(index, entries.iter().copied())
-    };
-    description.fixed_pdos = vec![
-        mandatory(0x1701, &[CONTROLWORD, MODE, TARGET]),
-        mandatory(0x1702, &[TARGET]),
-        FixedPdo::new(0x1B01, [STATUSWORD, MODE_DISPLAY, POSITION]),
-    ];
-    goes_where_it_is_asked_to(device.build(), description);
-}
-
-#[test]
-fn a_pdo_that_holds_the_target_twice_is_refused_or_both_written() {
-    let twice = [
-        (0x6040, 0, 16),
-        (0x6060, 0, 8),
-        (0x607A, 0, 32),
-        (0x607A, 0, 32),
-    ];
-    let device = Servo::generic()
-        .with_fixed_pdo(0x1701, &twice)
-        .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
-        .fixed_mapping();
-    let mut description = fixed_description();
-    description.fixed_pdos = vec![
-        FixedPdo::new(0x1701, [CONTROLWORD, MODE, TARGET, TARGET]),
-        FixedPdo::new(0x1B01, [STATUSWORD, MODE_DISPLAY, POSITION]),
-    ];
-    goes_where_it_is_asked_to(device.build(), description);
 }
 
 #[test]

@@ -4,11 +4,8 @@ use std::time::Duration;
 
 use servocrab::{
     bus::{DevicePlace, DriveConfig, Expected, Network, NetworkBuilder},
-    coe::{Mappable, Object, ReadWrite, obj},
     drives,
     link::Wire,
-    parameters::StartUpWrite,
-    profile_position::PositionRange,
 };
 use servocrab_sim::{Segment, personality};
 
@@ -26,11 +23,6 @@ fn message(builder: NetworkBuilder) -> String {
         Ok(_) => panic!("it was started"),
         Err(error) => error.to_string(),
     }
-}
-
-fn on(segment: Segment, position: u16, drive: DriveConfig) -> NetworkBuilder {
-    let line = Line::new(segment);
-    Network::builder().link(line.wire()).drive(position, drive)
 }
 
 #[test]
@@ -56,29 +48,6 @@ fn no_answer_and_no_subdevice() {
 }
 
 #[test]
-fn a_turn_that_is_none_and_a_statusword_in_a_start_up_list() {
-    let turn = PositionRange { min: 5, max: 5 };
-    let drive = akd2g().change_axis("y", |axis| axis.modulo_over(turn));
-    let error = message(on(one_drive(), 0, drive));
-    assert!(
-        error.ends_with(
-            "`modulo_over` gives axis `y` the positions 5 to 5, which are no turn: its greatest position must be above its \
-             least, and not both the ends of the type"
-        ),
-        "{error}"
-    );
-    let list = StartUpWrite::to(obj::STATUSWORD.axis(2).address(), 0_u16);
-    let error = message(on(one_drive(), 0, akd2g().start_up(list)));
-    assert!(
-        error.ends_with(
-            "start-up list: line 1 of 1, 6841h:00 statusword: the statusword can only be read: take the line out; an axis is \
-             commanded by its handle, and parameters are other objects"
-        ),
-        "{error}"
-    );
-}
-
-#[test]
 fn an_sdo_transfer_after_the_shutdown() {
     let line = Line::new(one_drive());
     let rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
@@ -90,36 +59,6 @@ fn an_sdo_transfer_after_the_shutdown() {
         "reading 6041h:00: nothing serves the mailbox of this device: its network was shut down or has ended, or it has no \
          mailbox"
     );
-}
-
-#[test]
-fn a_refused_mapping_with_its_entry_and_its_abort_code() {
-    let object = |index, subindex| -> Object<u32, ReadWrite> {
-        Object::new(index, subindex, "of the test").mappable(Mappable::BOTH)
-    };
-    let cases = [
-        (
-            akd2g().change_axis("x", |axis| axis.map_input(object(0x2FFE, 7))),
-            "mapping 2FFEh:07 (32 bits) (1A00h:05): writing 1A00h:05: device refused: object does not exist (06020000h)",
-        ),
-        (
-            // The second axis' own object, in the second axis' own PDO.
-            akd2g().change_axis("y", |axis| axis.map_input(object(0x6067, 0))),
-            "mapping 6867h:00 (32 bits) (1A10h:05): writing 1A10h:05: device refused: object cannot be mapped into a \
-             PDO (06040041h)",
-        ),
-        (
-            akd2g().change_axis("x", |axis| axis.map_output(object(0x6041, 0))),
-            "mapping 6041h:00 (32 bits) (1600h:07): writing 1600h:07: device refused: object cannot be mapped into a \
-             PDO (06040041h)",
-        ),
-    ];
-    for (drive, expected) in cases {
-        assert_eq!(
-            message(on(one_drive(), 0, drive)),
-            format!("{DRIVE}mapping its PDOs: {expected}")
-        );
-    }
 }
 
 #[test]

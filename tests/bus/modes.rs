@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use servocrab::{
-    axis::{Delivery, Failure, Referencing, WaitingFor},
+    axis::{Failure, Referencing, Unsupported, WaitingFor},
     bus::{AxisConfig, DriveConfig, Network},
     coe::obj,
     drives,
@@ -106,71 +106,6 @@ fn a_jog_whose_holder_falls_silent_ends_in_a_running_network() {
 }
 
 #[test]
-fn a_jog_ends_with_the_programs_liveness_and_does_not_come_back() {
-    let (line, config) = line();
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
-    let y = rig.net().axis("y").unwrap();
-    let (pv, jog) = rig.until(async {
-        y.enable().await.unwrap();
-        let pv = y.profile_velocity().await.unwrap();
-        let jog = pv.jog(10_000).await.unwrap();
-        (pv, jog)
-    });
-    let live = rig.net().liveness(50 * MS).unwrap();
-    for _ in 0..10 {
-        live.feed();
-        rig.run_for(20 * MS);
-    }
-    assert!((y.status().velocity - 10_000).abs() < 1_000);
-    rig.run_for(300 * MS);
-    let status = y.status();
-    assert!(status.halted && status.velocity.abs() < 1_000, "{status:?}");
-    assert_eq!(
-        jog.ended(),
-        Some(Failure::Halted {
-            delivery: Delivery::Accepted
-        })
-    );
-    live.feed();
-    rig.until(async {
-        y.resume().await.unwrap();
-    });
-    assert!(jog.set(10_000).is_err());
-    live.feed();
-    let stood = line.segment().axis(0, 1).unwrap().position();
-    rig.run_for(40 * MS);
-    live.feed();
-    rig.run_for(40 * MS);
-    assert_eq!(line.segment().axis(0, 1).unwrap().position(), stood);
-    drop((jog, pv));
-    rig.shutdown();
-}
-
-#[test]
-fn without_60ffh_a_drive_that_lacks_mode_3_is_refused_for_that_and_another_one_for_the_mapping() {
-    let mode = Mode::ProfileVelocity;
-    for (modes, lacks_mode) in [(0x21, true), (0x25, false)] {
-        let servo = Servo::akd2g().change(move |drive| drive.supported_modes = modes);
-        let line = Line::new(Segment::new().with(servo.build()));
-        let config = DriveConfig::new(drives::akd2g()).axis("x");
-        let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
-        let x = rig.net().axis("x").unwrap();
-        let error = rig.until(x.profile_velocity()).unwrap_err();
-        let (failure, text) = (error.failure().unwrap(), error.to_string());
-        if lacks_mode {
-            assert_eq!(failure, Failure::ModeNotSupported { mode });
-            assert!(text.contains("6502h") && !text.contains("60FFh"), "{text}");
-        } else {
-            assert!(matches!(failure, Failure::NotMapped(_)), "{text}");
-            assert!(text.contains("60FFh"), "{text}");
-        }
-        let held = x.drive_settings().supported_modes.unwrap();
-        assert_eq!((held.bits(), held.allows(mode)), (modes, !lacks_mode));
-        rig.shutdown();
-    }
-}
-
-#[test]
 fn a_mode_that_6502h_does_not_name_is_refused_and_without_6502h_it_is_tried() {
     const WITHOUT: &[u16] = &[0x6502];
     for without in [&[], WITHOUT] {
@@ -189,7 +124,7 @@ fn a_mode_that_6502h_does_not_name_is_refused_and_without_6502h_it_is_tried() {
         let failure = error.failure().unwrap();
         if without.is_empty() {
             let mode = Mode::ProfileVelocity;
-            assert_eq!(failure, Failure::ModeNotSupported { mode });
+            assert_eq!(failure, Failure::Unsupported(Unsupported::Mode(mode)));
             let text = error.to_string();
             assert!(
                 text.contains("profile velocity mode (3)") && text.contains("6502h"),

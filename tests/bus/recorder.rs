@@ -199,33 +199,6 @@ fn inputs_of_other_devices_are_shown_by_name_and_by_object() {
 }
 
 #[test]
-fn a_name_may_have_points() {
-    let line = line();
-    let drive = DriveConfig::new(drives::akd2g()).axis("1.1").axis("1.2");
-    let buttons = IoConfig::new("8Ch. Dig. Input", Expected::new(0, 0x4449_3038));
-    let builder = Network::builder().link(line.wire());
-    let mut rig = Rig::start(builder.drive(0, drive).io(1, buttons)).unwrap();
-    let texts = [
-        "1.2.position",
-        "1.2.state",
-        "1.2.6041h:00",
-        "8Ch. Dig. Input.Channel 3.Input",
-        "8Ch. Dig. Input.6000h:01",
-    ];
-    let mut recorder = rig.net().recorder(signals(texts)).unwrap();
-    let shown = recorder.signals().iter();
-    let shown: Vec<_> = shown.map(|shown| shown.signal.to_string()).collect();
-    assert_eq!(shown, texts);
-    line.segment().axis_mut(0, 1).unwrap().place(70_000);
-    run(&mut rig, 300);
-    let read = recorder.read().unwrap();
-    let values = &read.cycles.last().unwrap().values;
-    assert!(values[0] > Some(60_000.0), "{values:?}");
-    assert_eq!(values[1], Some(1.0), "Switch on disabled");
-    rig.shutdown();
-}
-
-#[test]
 fn a_trigger_on_a_fault_keeps_the_cycles_before_and_after_it() {
     let line = line();
     let mut rig = start(&line);

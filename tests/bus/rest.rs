@@ -1,12 +1,10 @@
 //! Axes at rest, which the bus thread passes over: nothing of it is to be seen.
 
 use std::{
-    pin::pin,
     sync::{
-        Arc, Mutex,
+        Arc,
         atomic::{AtomicU64, Ordering},
     },
-    task::{Context, Wake, Waker},
     time::Duration,
 };
 
@@ -15,7 +13,6 @@ use servocrab::{
     bus::Network,
     ds402::State,
     link::Fate,
-    profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
 
@@ -109,64 +106,4 @@ fn what_happens_to_an_axis_at_rest_shows_in_that_cycle_and_leaves_the_other_one_
     assert_eq!((x.state, y.state), (State::OperationEnabled, State::Fault));
     assert_eq!(x.cycle, y.cycle);
     resting.rig.shutdown();
-}
-
-#[test]
-fn an_axis_whose_drive_is_silent_after_a_rest_ages_with_every_cycle() {
-    let mut resting = Resting::new();
-    let before = resting.status()[0];
-    resting.line.segment().unplug(0);
-    for cycles in 1..=5 {
-        resting.cycle();
-        let now = resting.status()[0];
-        assert_eq!(now.cycle, before.cycle + cycles);
-        // The answer to the frame that was on its way had come already.
-        assert_eq!(now.age, u32::try_from(cycles).unwrap() - 1);
-    }
-    resting.line.segment().plug();
-    for _ in 0..2 {
-        resting.cycle();
-    }
-    let now = resting.status()[0];
-    assert_eq!((now.age, now.answered), (0, true));
-    assert_eq!(now.cycle, before.cycle + 7);
-}
-
-/// Reads the status of an axis while it is woken.
-struct Reads {
-    axis: Axis,
-    seen: Mutex<Vec<Snapshot>>,
-}
-
-impl Wake for Reads {
-    fn wake(self: Arc<Self>) {
-        self.seen.lock().unwrap().push(self.axis.status());
-    }
-}
-
-#[test]
-fn whoever_is_woken_by_the_end_of_a_move_reads_the_cycle_that_it_ended_in() {
-    let mut resting = Resting::new();
-    let axis = resting.axes[0].clone();
-    let (mode, motion) = resting.rig.until(async {
-        let mode = axis.profile_position().await.unwrap();
-        let motion = mode.move_abs(1_000, SetPoint::new()).await.unwrap();
-        (mode, motion)
-    });
-    let reads = Arc::new(Reads {
-        axis: axis.clone(),
-        seen: Mutex::default(),
-    });
-    let waker = Waker::from(Arc::clone(&reads));
-    let mut context = Context::from_waker(&waker);
-    let mut done = pin!(motion.done());
-    while done.as_mut().poll(&mut context).is_pending() {
-        resting.cycle();
-        for seen in reads.seen.lock().unwrap().drain(..) {
-            assert_eq!(seen.cycle, axis.status().cycle);
-            assert_eq!(seen.position, axis.status().position);
-        }
-    }
-    assert_eq!(axis.status().position, 1_000);
-    drop(mode);
 }

@@ -8,7 +8,7 @@ use std::{
         Arc, Mutex,
         atomic::{AtomicUsize, Ordering::Relaxed},
     },
-    task::{Context, Wake, Waker},
+    task::{Context, Waker},
     time::Duration,
 };
 
@@ -19,7 +19,7 @@ use servocrab::{
     link::{Fate, Wire},
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{Device, Segment, ds402::Plant, personality};
+use servocrab_sim::{Device, Segment, personality};
 
 use crate::{
     cable::Cable,
@@ -71,7 +71,7 @@ fn line(drives: &Drives) -> Line {
     )
 }
 
-fn network(wire: Wire, drives: &Drives) -> NetworkBuilder {
+fn network(wire: Wire, drives: &Drives, clock: bool) -> NetworkBuilder {
     // One more for each axis of the line.
     let mut number = 0;
     let mut name = || {
@@ -89,6 +89,11 @@ fn network(wire: Wire, drives: &Drives) -> NetworkBuilder {
             let name = name();
             config.axis(AxisConfig::new(&name).referencing(Referencing::UnreferencedMovesAllowed))
         });
+        let config = if clock {
+            config.dc(DistributedClock::new(0x0300))
+        } else {
+            config
+        };
         builder = builder.drive(position, config);
     }
     builder
@@ -150,6 +155,10 @@ struct Scale {
 
 impl Scale {
     fn start(drives: Drives) -> Self {
+        Self::with(drives, false)
+    }
+
+    fn with(drives: Drives, clock: bool) -> Self {
         let line = line(&drives);
         let watch = Arc::new(Watch::default());
         let looks = Arc::clone(&watch);
@@ -160,7 +169,7 @@ impl Scale {
                 Fate::Deliver
             }
         });
-        let mut rig = Rig::start(network(wire, &drives)).unwrap();
+        let mut rig = Rig::start(network(wire, &drives, clock)).unwrap();
         rig.run_for(2 * MS);
         Self {
             drives,
@@ -337,16 +346,18 @@ fn a_wrong_working_counter_holds_the_handshakes_of_its_own_datagram_alone() {
 
 #[test]
 fn the_cycles_frames_are_as_long_as_the_page_says() {
-    for drives in [vec![1; 1], vec![1; 8], of_two(4), vec![1; 47], of_two(64)] {
-        let cable = Cable {
-            drives: drives.len(),
-            bytes: drives[0] * BYTES_OF_AN_AXIS,
-            clock: false,
-            metres: 0,
-        };
-        let scale = Scale::start(drives);
-        assert_eq!(scale.watch.lengths(), cable.frames(), "{cable:?}");
-        scale.rig.shutdown();
+    for clock in [false, true] {
+        for drives in [vec![1; 1], vec![1; 8], of_two(4), vec![1; 47], of_two(64)] {
+            let cable = Cable {
+                drives: drives.len(),
+                bytes: drives[0] * BYTES_OF_AN_AXIS,
+                clock,
+                metres: 0,
+            };
+            let scale = Scale::with(drives, clock);
+            assert_eq!(scale.watch.lengths(), cable.frames(), "{cable:?}");
+            scale.rig.shutdown();
+        }
     }
 }
 
@@ -387,102 +398,4 @@ fn the_pages_table_is_what_the_formula_gives() {
         count += 1;
     }
     assert_eq!(count, 11);
-}
-
-/// The formula of docs/scaling.md for the lengths of a cycle's frames, with distributed clocks.
-fn expected_lengths(drives: &Drives) -> Vec<usize> {
-    let mut bytes = vec![0];
-    for axes in drives {
-        let last = bytes.last_mut().unwrap();
-        if *last + axes * BYTES_OF_AN_AXIS > MOST_IN_A_FRAME {
-            bytes.push(axes * BYTES_OF_AN_AXIS);
-        } else {
-            *last += axes * BYTES_OF_AN_AXIS;
-        }
-    }
-    let frames = bytes.len();
-    let states = drives.len().div_ceil(8).min(4 * frames);
-    let lengths = bytes.into_iter().zip(0..).map(|(bytes, place)| {
-        let states = (0..states).filter(|state| state % frames == place).count();
-        let time = if place == 0 { 16 } else { 0 };
-        let al_status = if place + 1 == frames { 14 } else { 0 };
-        14 + 2 + 16 + 12 + bytes + 13 * states + al_status + time
-    });
-    lengths.collect()
-}
-
-#[test]
-fn with_distributed_clocks_the_frames_have_the_lengths_that_the_formula_gives() {
-    for drives in [mixed(1), of_two(4), mixed(32), of_two(32), of_two(64)] {
-        let line = line(&drives);
-        let watch = Arc::new(Watch::default());
-        let looks = Arc::clone(&watch);
-        let wire = line.wire_with(move |_, frame| {
-            if is_cyclic(frame) {
-                looks.fate(frame)
-            } else {
-                Fate::Deliver
-            }
-        });
-        let mut builder = Network::builder().link(wire);
-        for (position, axes) in (0..).zip(&drives) {
-            let description = if *axes == 2 {
-                drives::akd2g()
-            } else {
-                drives::generic()
-            };
-            let config = (0..*axes).fold(DriveConfig::new(description), |config, axis| {
-                config.axis(format!("{position}/{axis}"))
-            });
-            builder = builder.drive(position, config.dc(DistributedClock::new(0x0300)));
-        }
-        let mut rig = Rig::start(builder).unwrap();
-        rig.run_for(2 * MS);
-        assert_eq!(watch.lengths(), expected_lengths(&drives), "{drives:?}");
-        rig.shutdown();
-    }
-}
-
-/// How often somebody who waits was woken.
-#[derive(Default)]
-struct Woken(AtomicUsize);
-
-impl Wake for Woken {
-    fn wake(self: Arc<Self>) {
-        self.0.fetch_add(1, Relaxed);
-    }
-}
-
-#[test]
-fn who_waits_for_a_change_of_one_axis_is_woken_by_that_axis_alone() {
-    let drives = vec![1; 3];
-    // No count of them changes at rest.
-    let line = line(&drives);
-    line.segment().set_plant(Plant::ideal());
-    let mut rig = Rig::start(network(line.wire(), &drives)).unwrap();
-    let axes = ["0", "1", "2"].map(|name| rig.net().axis(name).unwrap());
-    rig.run_for(10 * MS);
-    let woken: [Arc<Woken>; 3] = Default::default();
-    let mut changes = axes.each_ref().map(|axis| Box::pin(axis.changed()));
-    // What has changed before may wake them once, and who was woken looks again.
-    for _ in 0..2 {
-        for (change, woken) in changes.iter_mut().zip(&woken) {
-            let waker = Waker::from(Arc::clone(woken));
-            let polled = change.as_mut().poll(&mut Context::from_waker(&waker));
-            assert!(polled.is_pending());
-        }
-        rig.run_for(10 * MS);
-    }
-    let woken = || woken.each_ref().map(|woken| woken.0.load(Relaxed));
-    let [first, second, third] = woken();
-    rig.run_for(10 * MS);
-    assert_eq!(woken(), [first, second, third], "by no cycle");
-    rig.until(axes[1].enable()).unwrap();
-    assert!(woken()[1] > second);
-    assert_eq!((woken()[0], woken()[2]), (first, third));
-    let [_, second, _] = &mut changes;
-    let polled = second
-        .as_mut()
-        .poll(&mut Context::from_waker(Waker::noop()));
-    assert!(polled.is_ready());
 }

@@ -127,3 +127,16 @@ fn a_line_without_devices_is_an_error() {
     let without_link = smol::block_on(Network::builder().scan());
     assert!(matches!(without_link, Err(NetworkError::NoLink)));
 }
+
+#[test]
+fn a_scan_that_is_given_up_leaves_its_link_free_and_the_devices_in_init() {
+    let segment = line();
+    let shared = Arc::clone(&segment);
+    let wire = Wire::new(move |frame: &mut [u8], now| shared.lock().unwrap().process(frame, now));
+    let mut scanning = Box::pin(Network::builder().link(wire).scan());
+    let scanned = smol::block_on(smol::future::poll_once(&mut scanning));
+    assert!(scanned.is_none());
+    drop(scanning);
+    assert_eq!(Arc::strong_count(&segment), 1, "the link is gone");
+    assert_eq!(states(&segment), [SimState::Init; 4]);
+}

@@ -146,34 +146,6 @@ fn a_mailbox_that_is_longer_than_a_datagram_is_used_as_far_as_one_carries_it() {
     }
 }
 
-#[test]
-fn ethernet_in_a_drives_mailbox_is_no_answer_to_an_sdo_request() {
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    let drive = DriveConfig::new(drives::akd2g()).axis("x");
-    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
-    let sdo = rig.net().sdo(0).unwrap();
-    let window = rig.until(sdo.read(obj::POSITION_WINDOW)).unwrap();
-    // A tool beside this program sets the drive's IP address: type 2 (EoE), counter 0; request 2 with a MAC and an IP address. The drive
-    // answers it, and announces the address on its own.
-    let mut mail = vec![18, 0, 0, 0, 0, 0x02, 0x02, 0x01, 0, 0, 0x03, 0, 0, 0];
-    mail.extend([0x02, 1, 2, 3, 4, 5, 192, 168, 1, 7]);
-    mail.resize(1024, 0);
-    // APWR to the first device's mailbox.
-    let mut frame = vec![0xFF; 6];
-    frame.extend([2, 0, 0, 0, 0, 1, 0x88, 0xA4, 0x0C, 0x14]);
-    frame.extend([2, 0, 0, 0, 0x00, 0x18, 0x00, 0x04, 0, 0]);
-    frame.extend(&mail);
-    frame.extend([0, 0]);
-    let now = rig.bus.now();
-    assert!(line.segment().process(&mut frame, now));
-    assert_eq!(frame[frame.len() - 2..], [1, 0], "the drive has taken it");
-    for _ in 0..3 {
-        assert_eq!(rig.until(sdo.read(obj::POSITION_WINDOW)).unwrap(), window);
-    }
-    assert_eq!(rig.net().emergencies(0).unwrap().try_next(), None);
-    rig.shutdown();
-}
-
 /// A program keeps the futures of seventeen reads and polls none of them again. The drive has answered each. A further read ends, and
 /// each kept future gives its own result.
 #[test]

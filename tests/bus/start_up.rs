@@ -159,16 +159,6 @@ fn a_list_that_commands_an_axis_is_not_applied_either() {
     assert_ne!(value(&line, 0x6067), Some(5));
 }
 
-#[test]
-fn a_line_that_was_shut_down_is_started_again_with_another_list() {
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    for window in [70, 71] {
-        let write = StartUpWrite::new(obj::POSITION_WINDOW, window).verified();
-        start(&line, akd2g().start_up(write)).unwrap().shutdown();
-        assert_eq!(value(&line, 0x6067), Some(window.into()));
-    }
-}
-
 /// The outputs hold what was read in PREOP: a value that is written later would be gone in OP.
 #[test]
 fn a_line_of_safeop_for_an_object_of_the_outputs_is_refused_and_one_of_preop_is_in_force() {

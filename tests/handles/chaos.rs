@@ -1,7 +1,7 @@
 //! Random commands, drops and lost cycles: every future resolves, and the ledger has each move as often as was said.
 
 use servocrab::{
-    axis::{Axis, AxisError, Delivery, Failure},
+    axis::{Axis, AxisError, Delivery, Doubt, Failure},
     profile_position::{BufferMode, Move, ProfilePosition, SetPoint},
 };
 
@@ -162,8 +162,8 @@ fn live(seed: u64) -> (usize, usize) {
                 Some(
                     Failure::BusLost {
                         delivery: Delivery::Unknown | Delivery::Accepted
-                    } | Failure::Timeout {
-                        delivery: Delivery::Unknown,
+                    } | Failure::Unknown {
+                        doubt: Doubt::Unacknowledged,
                         ..
                     } | Failure::Fault { .. }
                         | Failure::Disabled { .. }
@@ -184,7 +184,7 @@ fn live(seed: u64) -> (usize, usize) {
 #[test]
 fn every_future_resolves_and_the_ledger_agrees_whatever_is_asked_dropped_or_lost() {
     let (mut asked, mut reached) = (0, 0);
-    for seed in 0..400 {
+    for seed in 0..900 {
         let (moves, arrived) = live(seed);
         asked += moves;
         reached += arrived;

@@ -3,7 +3,9 @@
 use core::{sync::atomic::Ordering, time::Duration};
 
 use servocrab::{
-    axis::{AxisErrorKind, Delivery, Failure, Referencing, WaitingFor},
+    axis::{
+        AxisErrorKind, Delivery, Failure, ParameterFault, Referencing, Unsupported, WaitingFor,
+    },
     coe::obj,
     ds402::{Mode, State},
     homing::{Homed, HomingMethod, HomingParameters},
@@ -145,7 +147,13 @@ fn a_method_that_the_drive_does_not_have_is_refused_with_its_abort_and_nothing_s
 
     let zero = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT).speeds(0, 100);
     let error = machine.finish(homing.home(zero)).unwrap_err();
-    assert!(matches!(error.failure(), Some(Failure::Zero(_))));
+    assert!(matches!(
+        error.failure(),
+        Some(Failure::Parameter {
+            fault: ParameterFault::Zero,
+            ..
+        })
+    ));
 }
 
 #[test]
@@ -315,7 +323,10 @@ fn a_halt_ends_a_homing_and_no_resume_brings_it_back() {
     assert!(machine.stands());
     let stood = machine.drive().mechanical_position();
     let refused = machine.finish(axis.resume()).unwrap_err();
-    assert_eq!(refused.failure(), Some(Failure::HomingHalted));
+    assert_eq!(
+        refused.failure(),
+        Some(Failure::Unsupported(Unsupported::ResumeHoming))
+    );
     let refused = machine.finish(homing.home(to_the_switch())).unwrap_err();
     assert_eq!(
         refused.failure(),

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use servocrab::{
-    axis::{Axis, AxisErrorKind, Delivery, Failure, Referencing},
+    axis::{Axis, AxisErrorKind, Delivery, Failure, ParameterFault, Referencing},
     coe::obj,
     ds402::State,
     profile_position::SetPoint,
@@ -302,7 +302,13 @@ fn ramps_go_the_way_that_they_are_mapped() {
     assert_eq!(machine.drive().get(0x6084, 0), Some(5_000));
     machine.finish(jog.release()).unwrap();
     let zero = machine.finish(pv.jog(gentle.deceleration(0))).unwrap_err();
-    assert!(matches!(zero.failure(), Some(Failure::Zero(_))));
+    assert!(matches!(
+        zero.failure(),
+        Some(Failure::Parameter {
+            fault: ParameterFault::Zero,
+            ..
+        })
+    ));
 
     let (mut machine, _axis, pv) = jogging();
     let jog = machine.finish(pv.jog(gentle)).unwrap();
@@ -324,7 +330,13 @@ fn what_cannot_be_jogged_is_refused_with_the_reason_and_nothing_is_sent() {
     let axis = machine.axis(0);
     machine.finish(axis.enable()).unwrap();
     let error = machine.finish(axis.profile_velocity()).unwrap_err();
-    assert!(matches!(error.failure(), Some(Failure::NotMapped(_))));
+    assert!(matches!(
+        error.failure(),
+        Some(Failure::Parameter {
+            fault: ParameterFault::NotMapped,
+            ..
+        })
+    ));
     machine.run(20);
     assert_eq!(machine.drive().get(0x6061, 0), Some(1));
 
@@ -414,7 +426,13 @@ fn a_dead_man_time_that_is_none_is_refused_before_anything_is_sent() {
     ] {
         let jog = machine.finish(pv.jog(JogSetPoint::new(20_000).dead_man(got)));
         let failure = jog.as_ref().err().and_then(servocrab::AxisError::failure);
-        let refused = failure == Some(Failure::DeadManTime { got });
+        let refused = matches!(
+            failure,
+            Some(Failure::Parameter {
+                fault: ParameterFault::OutOfRange(_),
+                ..
+            })
+        );
         assert_eq!(refused, wrong, "{got:?}: {failure:?}");
         if wrong {
             machine.run(5);
@@ -513,7 +531,10 @@ fn a_jog_that_is_refused_for_a_mapped_ramp_of_zero_has_written_no_other_one() {
     assert!(release.poll().is_none());
     let refused = JogSetPoint::new(20_000).acceleration(0).deceleration(10);
     let error = machine.finish(pv.jog(refused)).unwrap_err();
-    let zero = Failure::Zero("profile acceleration 6083h");
+    let zero = Failure::Parameter {
+        name: "profile acceleration 6083h",
+        fault: ParameterFault::Zero,
+    };
     assert_eq!(error.failure(), Some(zero));
     machine.finish_task(&mut release).unwrap();
     assert!(machine.stations[0].sdo.written.lock().unwrap().is_empty());

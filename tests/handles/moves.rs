@@ -3,7 +3,7 @@
 use std::{sync::atomic::Ordering, time::Duration};
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure},
+    axis::{AxisErrorKind, Failure, ParameterFault, Unsupported},
     ds402::State,
     profile_position::{BufferMode, SetPoint, StartBits},
 };
@@ -209,11 +209,20 @@ fn a_zero_velocity_and_a_start_that_the_drive_lacks_are_refused_before_anything_
     let pp = machine.finish(axis.profile_position()).unwrap();
     let zero = SetPoint::new().velocity(0);
     let zero = machine.finish(pp.move_abs(1, zero)).unwrap_err();
-    assert!(matches!(zero.failure(), Some(Failure::Zero(_))));
+    assert!(matches!(
+        zero.failure(),
+        Some(Failure::Parameter {
+            fault: ParameterFault::Zero,
+            ..
+        })
+    ));
     let blend = SetPoint::new()
         .velocity(7)
         .buffer_mode(BufferMode::Blending);
     let blend = machine.finish(pp.move_abs(1, blend)).unwrap_err();
-    assert!(matches!(blend.failure(), Some(Failure::Unsupported { .. })));
+    assert!(matches!(
+        blend.failure(),
+        Some(Failure::Unsupported(Unsupported::Start { .. }))
+    ));
     assert!(machine.stations[0].sdo.written.lock().unwrap().is_empty());
 }

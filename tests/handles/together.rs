@@ -12,7 +12,7 @@ use std::{
 };
 
 use servocrab::{
-    axis::{AxisError, AxisErrorKind, Delivery, Failure, start_together},
+    axis::{AxisError, AxisErrorKind, Delivery, Doubt, Failure, start_together},
     profile_position::{
         BufferMode, Limits, MoveRequest, PositionRange, ProfilePosition, RelativeBase, SetPoint,
     },
@@ -127,10 +127,7 @@ fn none_starts_when_one_would_end_beyond_a_limit() {
         let error = machine.finish(start_together(requests)).unwrap_err();
         assert!(matches!(
             error.failure(),
-            Some(Failure::BeyondLimit {
-                target: 1_001..,
-                ..
-            })
+            Some(Failure::BeyondLimit { asked: 1_001.., .. })
         ));
         assert!(!was_sent(&error), "{error}");
         machine.run(300);
@@ -278,7 +275,13 @@ fn a_drive_that_does_not_acknowledge_is_told_with_the_moves_that_run() {
     lock(&machine.stations[1].drive).disturbances().ack = servocrab_sim::ds402::AckFault::Never;
     let requests: Vec<_> = pp.iter().map(|pp| pp.abs(9_000, SetPoint::new())).collect();
     let error = machine.finish(start_together(requests)).unwrap_err();
-    assert!(matches!(error.failure(), Some(Failure::Timeout { .. })));
+    assert!(matches!(
+        error.failure(),
+        Some(Failure::Unknown {
+            doubt: Doubt::Unacknowledged,
+            ..
+        })
+    ));
     assert_eq!(error.identity.axis, "axis1");
     assert!(
         matches!(&error.kind, AxisErrorKind::NotAllStarted { started, .. } if **started == ["axis0"]),

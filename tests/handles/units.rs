@@ -1,7 +1,7 @@
 //! The same handles in millimetres: numbers are converted, and nothing else is different.
 
 use servocrab::{
-    axis::{Axis, AxisErrorKind, Delivery, Failure, Referencing, start_together},
+    axis::{Axis, AxisErrorKind, Delivery, Failure, ParameterFault, Referencing, start_together},
     coe::{ObjectAddress, obj},
     homing::HomingMethod,
     homing::HomingParameters,
@@ -195,14 +195,23 @@ fn a_path_and_its_end_are_told_in_the_programs_units() {
             (Reference::Absolute, 9.5)
         ]
     );
+    // A position within the window, of ten counts, shows that it was there.
+    let reached = followed.iter().flatten().zip([2.5, 2.0]);
+    for (followed, target) in reached {
+        let Outcome::Reached { position } = followed.outcome else {
+            panic!("{}", followed.outcome);
+        };
+        assert!((position - target).abs() < 0.0105, "{position}");
+        assert_eq!(followed.outcome.to_string(), format!("reached {position}"));
+    }
     let texts: Vec<_> = followed
-        .into_iter()
+        .iter()
         .map(|followed| match followed {
             Ok(followed) => followed.outcome.to_string(),
             Err(error) => error.to_string(),
         })
         .collect();
-    assert_eq!(texts[..2], ["reached 2.5", "reached 2"]);
+    assert!(followed[0].is_ok() && followed[1].is_ok(), "{texts:?}");
     assert!(
         texts[2].contains("stands at 9 mm instead of 9.5 mm"),
         "{}",
@@ -336,7 +345,13 @@ fn a_homing_has_its_speeds_offset_and_result_in_the_programs_units() {
     let standing = machine
         .finish(homing.home(HomingParameters::from(HomingMethod::NEGATIVE_LIMIT).speeds(0.0, 1.0)))
         .unwrap_err();
-    assert!(matches!(standing.failure(), Some(Failure::Zero(_))));
+    assert!(matches!(
+        standing.failure(),
+        Some(Failure::Parameter {
+            fault: ParameterFault::Zero,
+            ..
+        })
+    ));
     machine.finish(homing.release()).unwrap();
 }
 
@@ -385,12 +400,15 @@ fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
     assert!(jog.set(f64::NAN).is_err());
     let fast = jog.set(-50.0).unwrap_err();
     assert!(
-        matches!(fast.failure(), Some(Failure::TooFast { limit: 20_000, .. })),
+        matches!(
+            fast.failure(),
+            Some(Failure::BeyondLimit { limit: 20_000, .. })
+        ),
         "{fast}"
     );
     let text = fast.to_string();
     assert!(
-        text.contains("the velocity 50 mm/s is above max profile velocity 607Fh, 40 mm/s"),
+        text.contains("50 mm/s lies beyond the limit 40 mm/s of 607Fh"),
         "{text}"
     );
     machine.run(10);
@@ -400,7 +418,7 @@ fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
     assert_eq!(machine.drive().velocity(), 0.0);
 
     let fast = machine.finish(pv.jog(50.0)).unwrap_err().to_string();
-    assert!(fast.contains("607Fh, 40"), "{fast}");
+    assert!(fast.contains("the limit 40 mm/s of 607Fh"), "{fast}");
     let jog = machine.finish(pv.jog(1.0)).unwrap();
     machine.finish(axis.halt()).unwrap();
     assert_eq!(

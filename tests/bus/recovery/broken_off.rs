@@ -3,7 +3,7 @@
 use std::{
     pin::pin,
     sync::{
-        Arc, Mutex,
+        Arc,
         atomic::{AtomicBool, Ordering},
     },
     task::{Context, Poll, Waker},
@@ -14,12 +14,11 @@ use servocrab::{
     bus::{Network, Recovered},
     coe::obj,
     drives,
-    link::{Fate, Wire},
+    link::Fate,
 };
 use servocrab_sim::{Abort, AlState, Habits, personality};
 
 use super::{MIDDLE, MS, Yard, unhomed};
-use crate::rig::{datagrams, is_cyclic, is_write_to};
 
 /// What becomes of a way back after so many polls.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -237,114 +236,4 @@ fn a_recovery_of_a_network_that_has_ended_says_so() {
         panic!("it still waits");
     };
     assert!(error.to_string().contains("ended"), "{error}");
-}
-
-#[test]
-fn while_each_access_to_the_drive_takes_some_cycles_the_working_counters_of_the_others_stay_right()
-{
-    let slow = Arc::new(AtomicBool::new(false));
-    let is_slow = Arc::clone(&slow);
-    let mut yard = Yard::with(
-        personality::akd2g(),
-        unhomed(drives::akd2g(), &["z", "w"]),
-        move |line| {
-            let wire = line.wire_with(move |_, frame| {
-                if is_slow.load(Ordering::Relaxed) && !is_cyclic(frame) {
-                    Fate::Delay(3 * MS)
-                } else {
-                    Fate::Deliver
-                }
-            });
-            Network::builder().link(wire)
-        },
-    );
-    yard.loses_power(300 * MS);
-    yard.nothing_may_happen();
-    slow.store(true, Ordering::Relaxed);
-    let recovered = yard.recover(1);
-    slow.store(false, Ordering::Relaxed);
-    assert!(recovered.is_ok(), "{recovered:?}");
-    yard.nothing_has_happened();
-    yard.works_again("z");
-    yard.ends();
-}
-
-/// Of the middle drive: where it is asked for OP it takes some time, unless it is asked for something else meanwhile.
-#[derive(Default)]
-struct SlowToOp {
-    /// How long it takes, once it is to be slow.
-    takes: Option<Duration>,
-    due: Option<Duration>,
-}
-
-impl SlowToOp {
-    /// Sees a frame that goes to the line; whether the time has come.
-    fn sees(&mut self, frame: &mut [u8], now: Duration) -> bool {
-        for datagram in datagrams(frame) {
-            let is_for_it = datagram[2..4] == [0x01, 0x10];
-            if !(is_for_it && is_write_to(datagram, 0x0120)) {
-                continue;
-            }
-            self.due = None;
-            if let Some(takes) = self.takes
-                && datagram[10] == AlState::Op as u8
-            {
-                self.due = Some(now + takes);
-                datagram[10] = AlState::SafeOp as u8;
-            }
-        }
-        self.due.take_if(|due| now >= *due).is_some()
-    }
-}
-
-/// FPWR of OP to the AL control of the middle drive.
-fn ask_for_op() -> Vec<u8> {
-    let mut frame = vec![0xFF; 6];
-    frame.extend([2, 0, 0, 0, 0, 1, 0x88, 0xA4, 14, 0x10]);
-    frame.extend([5, 0, 0x01, 0x10, 0x20, 0x01, 2, 0, 0, 0, 8, 0, 0, 0]);
-    frame.resize(60, 0);
-    frame
-}
-
-#[test]
-fn a_drive_that_takes_its_time_into_op_does_not_come_there_once_its_way_back_is_given_up() {
-    let slow = Arc::new(Mutex::new(SlowToOp::default()));
-    let of_wire = Arc::clone(&slow);
-    let mut yard = Yard::with(
-        personality::generic(),
-        unhomed(drives::generic(), &["z"]),
-        move |line| {
-            let segment = Arc::clone(&line.0);
-            let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame, now| {
-                let mut segment = segment.lock().unwrap();
-                if of_wire.lock().unwrap().sees(frame, now) {
-                    segment.process(&mut ask_for_op(), now);
-                }
-                segment.process(frame, now)
-            });
-            Network::builder().link(wire)
-        },
-    );
-    slow.lock().unwrap().takes = Some(300 * MS);
-    // That is how long it takes.
-    yard.falls(0x001B);
-    assert!(yard.recover(1).is_ok());
-    assert_eq!(yard.state(MIDDLE), AlState::Op);
-    yard.falls(0x001B);
-    let net = yard.rig.net.take().unwrap();
-    {
-        let mut recovery = pin!(net.recover(1));
-        let mut context = Context::from_waker(Waker::noop());
-        while slow.lock().unwrap().due.is_none() {
-            assert!(recovery.as_mut().poll(&mut context).is_pending());
-            assert!(yard.rig.bus.turn());
-        }
-    }
-    yard.rig.net = Some(net);
-    yard.rig.run_for(1_000 * MS);
-    assert_eq!(yard.state(MIDDLE), AlState::SafeOp, "it is to leave it");
-    assert!(yard.axis("z").status().lost);
-    assert!(yard.recover(1).is_ok());
-    yard.works_again("z");
-    yard.ends();
 }

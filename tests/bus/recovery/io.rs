@@ -140,33 +140,3 @@ fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_swit
     assert_eq!(states, [AlState::Op; 4]);
     rig.shutdown();
 }
-
-#[test]
-fn one_that_came_back_by_itself_after_a_failed_attempt_does_what_is_set_once_it_is_asked_for_again()
-{
-    let (line, mut rig, first, second) = first_valve_open();
-    assert_eq!(rig.recover(2).unwrap(), Recovered::WasInOp);
-    rig.run_for(5 * MS);
-    assert_eq!((first.get(), outputs(&line)), (Some(true), 1));
-    line.segment().unplug(VALVES);
-    let net = rig.net.take().unwrap();
-    rig.until(net.recover(2)).unwrap_err();
-    rig.net = Some(net);
-    line.segment().plug();
-    rig.run_for(20 * MS);
-    let state = line.segment().device(VALVES).unwrap().al_state();
-    assert_eq!(state, AlState::Op, "before its watchdog ends it");
-    let status = |rig: &Rig| rig.net().io("valves").unwrap().status();
-    let held = status(&rig);
-    assert!(held.operational && held.age == Some(0), "{held:?}");
-    assert!(!held.delivered, "zeros are, and not what is set");
-    assert_eq!(rig.recover(2).unwrap(), Recovered::WasInOp);
-    rig.run_for(5 * MS);
-    assert!(status(&rig).delivered);
-    stays_off(&line, &mut rig, 20 * MS);
-    second.set(true);
-    rig.run_for(5 * MS);
-    assert_eq!(outputs(&line), 2);
-    assert_eq!(first.get(), None);
-    rig.shutdown();
-}

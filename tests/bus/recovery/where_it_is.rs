@@ -1,30 +1,14 @@
 //! Devices that have lost their station address, in lines of which others are missing, or have changed.
 
-use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    time::Duration,
-};
-
 use servocrab::{
     axis::Referencing,
-    bus::{
-        AxisConfig, DevicePlace, DriveConfig, LineVerdict, Network, NetworkError, NetworkEvent,
-        Recovered,
-    },
+    bus::{AxisConfig, DevicePlace, DriveConfig, LineVerdict, Network, NetworkError, Recovered},
     drives,
-    link::Wire,
 };
 use servocrab_sim::{AlState, Device, Segment, personality, personality::Servo};
 
 use super::{MIDDLE, MS, Yard, unhomed};
-use crate::rig::{Line, Rig, datagrams};
-
-/// The command that writes by position, and the register 0010h.
-const APWR: u8 = 2;
-const STATION_ADDRESS: [u8; 2] = [0x10, 0];
+use crate::rig::{Line, Rig};
 
 /// A coupler with a branch of two drives, `a` and `b`, and drive `c` behind it.
 fn started(drives: [Device; 3]) -> (Line, Rig) {
@@ -168,68 +152,6 @@ fn two_that_are_led_back_at_the_same_time_each_get_what_is_theirs() {
         assert_eq!(segment.axis(position, 0).unwrap().ledger().len(), 1);
     }
     rig.shutdown();
-}
-
-/// Of a line with two branches `v` is switched off just while `r` is looked for. The positions behind it move up, so that what goes
-/// by position reaches `c`, which runs.
-#[test]
-fn a_line_that_changes_meanwhile_costs_no_running_drive_its_address() {
-    for is_before in [false, true] {
-        let mut segment = Segment::new().with(personality::coupler());
-        segment.push(personality::coupler());
-        segment.push(serial(3));
-        assert_eq!(segment.attach(0, 3, serial(1)), Some(1));
-        assert_eq!(segment.attach(2, 3, serial(2)), Some(3));
-        let line = Line::new(segment);
-        let (shared, is_armed) = (Arc::clone(&line.0), Arc::new(AtomicBool::new(false)));
-        let armed = Arc::clone(&is_armed);
-        let wire =
-            Wire::in_virtual_time(Duration::from_micros(10), move |frame: &mut [u8], now| {
-                let gives_address =
-                    |datagram: &[u8]| datagram[0] == APWR && datagram[4..6] == STATION_ADDRESS;
-                let gives_one = datagrams(frame)
-                    .iter()
-                    .any(|datagram| gives_address(datagram));
-                let switches = gives_one && armed.swap(false, Ordering::Relaxed);
-                let mut segment = shared.lock().unwrap();
-                if switches && is_before {
-                    segment.device_mut(1).unwrap().power_off();
-                }
-                let answers = segment.process(frame, now);
-                if switches && !is_before {
-                    segment.device_mut(1).unwrap().power_off();
-                }
-                answers
-            });
-        let config = |axis| unhomed(drives::akd2g(), &[axis]);
-        let builder = Network::builder()
-            .link(wire)
-            .drive(1, config("v"))
-            .drive(3, config("r"))
-            .drive(4, config("c"));
-        let mut rig = Rig::start(builder).unwrap();
-        let _moving = rig.starts_a_long_move("c");
-        off(&line, &mut rig, &[3]);
-        on(&line, &mut rig, &[3]);
-        is_armed.store(true, Ordering::Relaxed);
-        rig.recover(3).unwrap();
-        assert!(!is_armed.load(Ordering::Relaxed));
-        assert!(rig.net().axis("c").unwrap().status().has_set_point);
-        for position in [3, 4] {
-            let sdo = rig.net().sdo(position).unwrap();
-            rig.until(sdo.read_bytes(0x1018, 1)).unwrap();
-        }
-        let events = rig.net().events();
-        while events.try_next().is_some() {}
-        line.segment()
-            .device_mut(4)
-            .unwrap()
-            .fall_to_safe_op(0x001B);
-        rig.run_for(100 * MS);
-        let told: Vec<_> = std::iter::from_fn(|| events.try_next()).collect();
-        let fallen = |event: &NetworkEvent| matches!(event, NetworkEvent::LeftOp { drive, .. } if drive.position == 4);
-        assert!(told.iter().any(fallen), "{told:?}");
-    }
 }
 
 /// It comes from another machine with its power on, and has kept the address and the process data that it had there.
