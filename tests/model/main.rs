@@ -1,9 +1,10 @@
 //! The axis core in a small world, every state of it: a search to the fixpoint.
 //!
-//! A state is the core with its ages, what its drive holds, and what is under way. Ages are saturated at what they are compared
-//! with, commands have no names, and of a state and its mirror image one is looked at. In each state everything that the program,
-//! the cable and the drive may do next is done, until no state is new. The laws are looked at in each step; and from each state a
-//! sound drive and a good cable resolve everything and lead to a disabled axis.
+//! A state is the core, what its drive holds, and what is under way. Commands have no names, and of a state and its mirror image one is
+//! looked at. In each state everything that the program, the cable and the drive may do next is done, until no state is new. The laws
+//! are looked at in each step; and from each state a sound drive and a good cable resolve everything and lead to a disabled axis.
+//!
+//! Where every deviation that may come is inside of docs/fault-model.md no outcome is wrong. Else the laws hold that hold outside of it.
 //!
 //! `MODEL_COMMANDS=n` and `MODEL_DEVIATIONS=n` search every world with so many under way at most, `MODEL_WORLD=n` one world alone;
 //! `MODEL_FIRST=n` begins with that one. `MODEL_TOGETHER=n` searches each with every n kinds of deviation by themselves, `MODEL_KINDS=n` with
@@ -149,9 +150,9 @@ impl Searches {
             if let Some(counted) = self.counted.map(|counted| counted[world]) {
                 assert!(
                     found.states <= counted,
-                    "world {world} has {} states, and {counted} were counted. Two states that cannot differ later have to be one: what \
-                     the core keeps has to be let go of in its `canonicalize` once it makes no difference. Where a change of the core makes \
-                     more states on purpose, put the new number into `COUNTED`, and the sum of them into docs/verification.md",
+                    "world {world} has {} states, and {counted} were counted. Two states that cannot differ later have to be equal: what \
+                     the core keeps has to go once it makes no difference. Where a change of the core makes more states on purpose, put the \
+                     new number into `COUNTED`, and the sum of them into docs/verification.md",
                     found.states
                 );
             }

@@ -3,6 +3,7 @@
 use core::fmt;
 use core::hash::{Hash, Hasher};
 use core::time::Duration;
+use std::hash::DefaultHasher;
 
 use servocrab::axis::{
     AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Delivery, Event,
@@ -13,7 +14,7 @@ use servocrab::profile_position::{
     BufferMode, BufferSignal, MoveCommand, Parameters, Reference, SetPoint, StartBits, Traits,
 };
 
-use crate::fingerprint::{self, Fingerprint, MOST, START};
+use crate::fingerprint::{self, Fingerprint, MOST};
 
 /// One cycle.
 pub const CYCLE: Duration = Duration::from_millis(50);
@@ -21,8 +22,6 @@ pub const CYCLE: Duration = Duration::from_millis(50);
 const SETTLE: u32 = 2;
 const STANDSTILL: u32 = 6;
 const DEADLINE: u32 = 4;
-/// The longest of them: older instants mean the same.
-pub const LONGEST: Duration = Duration::from_millis(300);
 /// Counts from one position to the next; the window is 10.
 const STEP: i32 = 100;
 /// Positions on each side of 0.
@@ -41,6 +40,11 @@ pub struct Size {
 }
 
 impl Size {
+    /// Whether nothing goes beyond docs/fault-model.md: then no outcome is wrong.
+    const fn is_inside(&self) -> bool {
+        self.deviations == 0 || self.kinds & OUTSIDE == 0
+    }
+
     /// Whether an act is none of the deviations that are left out.
     fn allows(&self, act: u8) -> bool {
         let kind = usize::from(act).checked_sub(FIRST_DEVIATION);
@@ -142,7 +146,7 @@ impl Hash for Asked {
 }
 
 /// Everything but the core.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Around {
     power: Power,
     /// The power stage has its supply, or nothing shows whether it has.
@@ -158,7 +162,7 @@ pub struct Around {
     asked: [Option<Asked>; MOST],
     /// For how many more cycles each deviation is under way.
     deviations: [u8; DEVIATIONS],
-    /// Cycles since the words drive no more, at most the longest deadline.
+    /// Cycles since the words drive no more, by bit 8 or otherwise, at most the longest deadline.
     stopping: u8,
     /// The last statusword that came was of another state. What two in a row show counts as true.
     wrong: bool,
@@ -177,8 +181,6 @@ pub struct World {
     sent: u16,
     description: Description,
     size: Size,
-    /// Whether the core lets go of what makes no difference.
-    pub forgets: bool,
     /// What the core has told, where somebody wants to know.
     pub told: Option<Vec<(CommandId, Event)>>,
 }
@@ -260,6 +262,8 @@ pub const ACTS: [Act; 35] = [
     Act::Falls,
 ];
 const FIRST_DEVIATION: usize = 20;
+/// What is outside of docs/fault-model.md, by bit: words of another state, and a mode that is not the drive's.
+const OUTSIDE: u32 = 0xFF;
 /// So many deviations there are.
 pub const KINDS: usize = ACTS.len() - FIRST_DEVIATION;
 /// All of them, by bit.
@@ -343,12 +347,11 @@ impl World {
         };
         Self {
             core: AxisCore::new(config),
-            now: START,
+            now: Duration::ZERO,
             outputs: [0; OUTPUTS],
             sent: 0,
             description,
             size,
-            forgets: true,
             told: None,
             around: Around {
                 power: Power::Disabled,
@@ -368,9 +371,17 @@ impl World {
         }
     }
 
-    /// What tells this state from others, with these surroundings: names are numbered by the core.
+    /// What tells this state from others, with these surroundings: names are numbered by the core. How long ago the core was stepped last
+    /// is no part of its hash: it knows for how many cycles its drive has not answered, which is two at most here.
     pub fn print_of_core(&self) -> Fingerprint {
-        fingerprint::of(self.now, LONGEST, &self.core)
+        fingerprint::of(&self.core)
+    }
+
+    /// The same, where neither names nor sides are alike.
+    pub fn exact_print(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        (&self.core, &self.around, self.sent, self.outputs).hash(&mut hasher);
+        hasher.finish()
     }
 
     fn word(&self) -> u16 {
@@ -517,9 +528,6 @@ impl World {
         self.core
             .step_kept(self.now, inputs, false, &mut self.outputs);
         self.drain()?;
-        if self.forgets {
-            self.core.canonicalize(self.now);
-        }
         Ok(Seen {
             // What the drive does with the frame shows in the next.
             word: if delivered { word } else { self.around.before },
@@ -643,8 +651,12 @@ impl World {
         if word & 0x10F == 0x10F && self.description.halt_coasts {
             return Err(format!("{word:04X}h is sent, and 605Dh is 0"));
         }
-        if word & 0x8F == 0x0F {
+        if word & 0x18F == 0x0F {
             around.stopping = 0;
+        } else {
+            around.stopping = (around.stopping + 1).min(STANDSTILL as u8 + 1);
+        }
+        if word & 0x8F == 0x0F {
             if before & 0x18F == 0x10F && word & 0x100 == 0 && !resumed && around.holds() {
                 return Err(format!(
                     "{before:04X}h, then {word:04X}h, and nobody resumed"
@@ -652,7 +664,6 @@ impl World {
             }
             return Ok(());
         }
-        around.stopping = (around.stopping + 1).min(STANDSTILL as u8 + 1);
         let leads_down = word & 0x82 == 0 || word & 0x87 == 0x06 || word & 0x8F == 0x07;
         if leads_down && around.is_powered() && around.moved && around.stopping <= STANDSTILL as u8
         {
@@ -688,8 +699,11 @@ impl World {
                     asked.pending = false;
                     let was = *asked;
                     self.around.clear_taken(id.0);
+                    let inside = self.size.is_inside();
                     let broken = match (was.kind, result) {
-                        (Kind::Move, Ok(_)) if !was.ended && !self.around.has_no_way(id.0) => {
+                        (Kind::Move, Ok(_))
+                            if inside && !was.ended && !self.around.has_no_way(id.0) =>
+                        {
                             "the drive has not come to its end"
                         }
                         (Kind::Stop, Ok(Completion::Stopped { .. }))
@@ -702,8 +716,8 @@ impl World {
                         {
                             "the axis moves"
                         }
-                        (Kind::Move, Err(Failure::MissedTarget { .. })) if was.ended => {
-                            "the drive has come to its end"
+                        (Kind::Move, Err(Failure::MissedTarget { .. })) if inside => {
+                            "the drive limits nothing"
                         }
                         (Kind::Move, Err(failure)) if was.taken && is_not_sent(failure) => {
                             "the drive has taken it"
