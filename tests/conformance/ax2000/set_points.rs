@@ -205,10 +205,10 @@ pub(super) fn library_refuses_to_replace() {
     let refused = rig.abs(20_000, SetPoint::new());
     assert!(matches!(
         rig.finish(refused),
-        Err(Failure::Unsupported {
+        Err(Failure::Unsupported(Unsupported::Start {
             buffer_mode: BufferMode::Aborting,
             ..
-        })
+        }))
     ));
     rig.run(50);
     assert!(rig.words.iter().all(|word| word & 0x10 == 0));
