@@ -18,7 +18,7 @@ use crate::fingerprint::{self, Fingerprint, MOST};
 
 /// One cycle.
 pub const CYCLE: Duration = Duration::from_millis(50);
-/// The settle time, and the deadlines: of a standstill, which five samples have to show, and of a beginning; of all else.
+/// The settle time, and the deadlines: of a standstill, which five samples have to show; of all else.
 const SETTLE: u32 = 2;
 const STANDSTILL: u32 = 6;
 const DEADLINE: u32 = 4;
@@ -114,6 +114,8 @@ impl Hash for Held {
 enum Kind {
     Move,
     Stop,
+    /// Of a fault: without one it says nothing of the axis.
+    Reset,
     Other,
 }
 
@@ -336,7 +338,7 @@ impl World {
             enable: STANDSTILL * CYCLE,
             disable: DEADLINE * CYCLE,
             acknowledge: DEADLINE * CYCLE,
-            begin: STANDSTILL * CYCLE,
+            begin: DEADLINE * CYCLE,
             standstill: STANDSTILL * CYCLE,
             mode: DEADLINE * CYCLE,
             fault_reset: DEADLINE * CYCLE,
@@ -552,7 +554,7 @@ impl World {
             Ask::Resume => (Command::Resume, Kind::Other),
             Ask::Stop => (Command::Stop, Kind::Stop),
             Ask::QuickStop => (Command::QuickStop, Kind::Stop),
-            Ask::Reset => (Command::ResetFault, Kind::Other),
+            Ask::Reset => (Command::ResetFault, Kind::Reset),
         };
         let snapshot = self.core.snapshot();
         let halts = ask == Ask::Halt && !self.description.halt_coasts;
@@ -711,7 +713,7 @@ impl World {
                         {
                             "the drive still holds a set-point"
                         }
-                        (_, Ok(Completion::Stopped { .. }))
+                        (Kind::Stop | Kind::Other, Ok(Completion::Stopped { .. }))
                             if self.around.moved && self.around.is_powered() =>
                         {
                             "the axis moves"
