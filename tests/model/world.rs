@@ -18,7 +18,7 @@ use crate::fingerprint::{self, Fingerprint, MOST};
 
 /// One cycle.
 pub const CYCLE: Duration = Duration::from_millis(50);
-/// The settle time, and the deadlines: of a standstill, which five samples have to show; of all else.
+/// The settle time, and the deadlines: of a standstill, which five samples have to show; of all else but a beginning.
 const SETTLE: u32 = 2;
 const STANDSTILL: u32 = 6;
 const DEADLINE: u32 = 4;
@@ -84,6 +84,8 @@ pub struct Description {
     pub shows_voltage: bool,
     /// Bits 5 and 9 are taken from the word before the edge.
     pub bits_first: bool,
+    /// The deadline of a beginning, in cycles. Beyond the five that show a rest, a move that is over where the axis rests may not have begun.
+    pub begin: u32,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -338,7 +340,7 @@ impl World {
             enable: STANDSTILL * CYCLE,
             disable: DEADLINE * CYCLE,
             acknowledge: DEADLINE * CYCLE,
-            begin: DEADLINE * CYCLE,
+            begin: description.begin * CYCLE,
             standstill: STANDSTILL * CYCLE,
             mode: DEADLINE * CYCLE,
             fault_reset: DEADLINE * CYCLE,
