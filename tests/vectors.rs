@@ -7,7 +7,7 @@
 mod common;
 
 use common::Rig;
-use servocrab::axis::{Delivery, Failure, WaitingFor};
+use servocrab::axis::{Delivery, Doubt, Failure, Inhibit, WaitingFor};
 use servocrab::ds402::{Controlword, Mode, PowerCommand, State, Statusword, describe_error_code};
 use servocrab::profile_position::{BufferMode, Reference, SetPoint};
 
@@ -154,6 +154,18 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
         controlword,
         delivery,
     };
+    let unknown = |doubt| Failure::Unknown {
+        doubt,
+        actual: 500,
+        statusword,
+        controlword,
+    };
+    let refused = |by| Failure::EnableRefused {
+        by,
+        state: State::ReadyToSwitchOn,
+        statusword,
+        controlword,
+    };
     let failures = [
         Failure::Fault { code: Some(0x8611) },
         Failure::Fault { code: None },
@@ -161,9 +173,9 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
             target: 1000,
             actual: 500,
         },
-        timeout(WaitingFor::Acknowledge, Delivery::Unknown),
+        unknown(Doubt::Unacknowledged),
         timeout(WaitingFor::AcknowledgeLow, Delivery::NotSent),
-        timeout(WaitingFor::TargetReached, Delivery::Accepted),
+        unknown(Doubt::StillLow),
         Failure::BusLost {
             delivery: Delivery::Accepted,
         },
@@ -186,19 +198,9 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
         },
         Failure::HaltIgnored,
         Failure::QuickStopIgnored,
-        Failure::LocalControl {
-            statusword,
-            controlword,
-        },
-        Failure::SwitchOnRefused {
-            state: State::ReadyToSwitchOn,
-            statusword,
-            controlword,
-        },
-        Failure::NoVoltage {
-            statusword,
-            controlword,
-        },
+        refused(Inhibit::LocalControl),
+        refused(Inhibit::Unnamed),
+        refused(Inhibit::NoVoltage),
         Failure::NeedsStop,
     ];
     let texts: Vec<&str> = FAILURES

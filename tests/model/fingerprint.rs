@@ -1,11 +1,7 @@
-//! What tells two states apart: all that a core and its surroundings are, with instants as ages, names in the order in which they
-//! come, and of a state and its mirror image one.
+//! What tells two states apart: all that a core and its surroundings are, by their derived `Hash`, names in the order in which they come, and of
+//! a state and its mirror image one.
 
 use core::hash::{Hash, Hasher};
-use core::time::Duration;
-
-/// The clock of a model starts here: every instant in a core is later, and every time span is shorter.
-pub const START: Duration = Duration::from_secs(1_000_000);
 
 /// Names begin here: every other number of 32 bits in a core is smaller, or `u32::MAX`.
 const NAMES: u32 = 0x7A00_0000;
@@ -26,25 +22,17 @@ pub fn name(number: u32) -> Option<u8> {
 /// Takes a state in, and its mirror image at the same time: what has a sign has the other one there.
 #[derive(Clone)]
 pub struct Fingerprint {
-    now: i128,
-    longest: i128,
     straight: Mixed,
     mirrored: Mixed,
-    /// The whole seconds of an instant whose fraction follows.
-    seconds: Option<u64>,
     names: [u8; MOST],
     named: usize,
 }
 
 impl Fingerprint {
-    /// Of a state at this time. Ages of more than `longest` are the same.
-    pub fn new(now: Duration, longest: Duration) -> Self {
+    pub fn new() -> Self {
         Self {
-            now: now.as_nanos() as i128,
-            longest: longest.as_nanos() as i128,
             straight: Mixed::new(),
             mirrored: Mixed::new(),
-            seconds: None,
             names: [0; MOST],
             named: 0,
         }
@@ -68,10 +56,6 @@ impl Fingerprint {
     fn signed(&mut self, value: i64) {
         self.straight.add(value as u64);
         self.mirrored.add(value.wrapping_neg() as u64);
-    }
-
-    fn age_of(&mut self, instant: i128) {
-        self.both((self.now - instant).min(self.longest) as u64 ^ 1 << 63);
     }
 
     fn order(&mut self, name: u8) -> usize {
@@ -104,9 +88,7 @@ impl Hasher for Fingerprint {
     }
 
     fn write_u32(&mut self, value: u32) {
-        if let Some(seconds) = self.seconds.take() {
-            self.age_of(i128::from(seconds) * 1_000_000_000 + i128::from(value));
-        } else if let Some(name) = name(value) {
+        if let Some(name) = name(value) {
             let order = self.order(name);
             self.both(u64::from(NAMES) + order as u64);
         } else {
@@ -115,14 +97,7 @@ impl Hasher for Fingerprint {
     }
 
     fn write_u64(&mut self, value: u64) {
-        // A time in nanoseconds, one in seconds, or another number.
-        if value != u64::MAX && u128::from(value) >= START.as_nanos() {
-            self.age_of(value.into());
-        } else if value != u64::MAX && value >= START.as_secs() {
-            self.seconds = Some(value);
-        } else {
-            self.both(value);
-        }
+        self.both(value);
     }
 
     fn write_usize(&mut self, value: usize) {
@@ -180,40 +155,46 @@ fn folded(a: u64, b: u64) -> u64 {
 }
 
 /// Of anything that has a `Hash`.
-pub fn of(now: Duration, longest: Duration, state: &impl Hash) -> Fingerprint {
-    let mut print = Fingerprint::new(now, longest);
+pub fn of(state: &impl Hash) -> Fingerprint {
+    let mut print = Fingerprint::new();
     state.hash(&mut print);
     print
 }
 
 #[test]
-fn ages_are_the_same_at_another_time_and_other_numbers_are_not() {
+fn a_state_is_the_same_at_another_time_with_another_name_and_mirrored() {
+    use core::time::Duration;
     use servocrab::axis::{AxisCore, AxisFields, Command, CommandId, CoreConfig, Inputs};
-    let at = |later: u64, position: i32, name: u8, wait: u64| {
+    let at = |later: u64, position: i32, name: u8, cycles: u64| {
         let mut core = AxisCore::new(CoreConfig::new(AxisFields::at(0, 0)));
         let mut outputs = [0; 6];
-        let now = START + Duration::from_millis(later);
-        core.submit(now, CommandId(number(name)), Command::Enable, &mut outputs);
+        let at = |cycle| Duration::from_millis(later + cycle);
+        core.step(at(0), Inputs::Stale, &mut outputs);
+        core.submit(
+            at(0),
+            CommandId(number(name)),
+            Command::Enable,
+            &mut outputs,
+        );
         let mut inputs = [0x50, 0x02, 0, 0, 0, 0];
         inputs[2..].copy_from_slice(&position.to_le_bytes());
-        for _ in 0..3 {
-            core.step(now, Inputs::Fresh(&inputs), &mut outputs);
+        for cycle in 1..=cycles {
+            core.step(at(cycle), Inputs::Fresh(&inputs), &mut outputs);
         }
         while core.poll_event().is_some() {}
-        let now = now + Duration::from_millis(wait);
-        of(now, Duration::from_secs(60), &core).value()
+        of(&core).value()
     };
-    let first = at(0, 7, 1, 0);
-    assert_eq!(first, at(123_456, 7, 1, 0), "at another time");
-    assert_eq!(first, at(0, 7, 3, 0), "with another name");
-    assert_eq!(first, at(0, -7, 1, 0), "mirrored");
-    assert_ne!(first, at(0, 8, 1, 0));
-    assert_ne!(first, at(0, 7, 1, 1));
+    let first = at(0, 7, 1, 3);
+    assert_eq!(first, at(123_456, 7, 1, 3), "at another time");
+    assert_eq!(first, at(0, 7, 3, 3), "with another name");
+    assert_eq!(first, at(0, -7, 1, 3), "mirrored");
+    assert_ne!(first, at(0, 8, 1, 3));
+    assert_ne!(first, at(0, 7, 1, 4), "a cycle later");
 }
 
 #[test]
 fn a_mirrored_part_is_another_state() {
-    let at = |a: i32, b: i32| of(START, START, &(a, b)).value();
+    let at = |a: i32, b: i32| of(&(a, b)).value();
     assert_eq!(at(1, 2), at(-1, -2));
     assert_ne!(at(1, 2), at(-1, 2));
     assert_ne!(at(1, 2), at(2, 1));

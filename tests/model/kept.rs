@@ -1,5 +1,6 @@
 //! Ways that once broke a law.
 
+use servocrab::axis::{Completion, Event};
 use servocrab::profile_position::BufferMode;
 
 use crate::{
@@ -80,4 +81,28 @@ fn a_halt_of_a_moving_axis_ends_when_it_stands() {
     way.push((Act::Nothing, false));
     way.extend([NOTHING; 8]);
     laws_hold_on(&way);
+}
+
+#[test]
+#[ignore = "core: a reset without a fault says that a moving axis stands"]
+fn a_reset_without_a_fault_does_not_say_that_a_moving_axis_stands() {
+    let size = Size {
+        commands: 2,
+        deviations: 0,
+        kinds: EVERY_KIND,
+    };
+    let mut world = World::new(descriptions()[0], size);
+    let mut way = vec![NOTHING; 5];
+    way.push(ask(Ask::Enable));
+    way.extend([NOTHING; 8]);
+    way.extend([(MOVE, true), ask(Ask::Reset)]);
+    world.told = Some(Vec::new());
+    for (act, prompt) in way {
+        let number = ACTS.iter().position(|other| *other == act);
+        let number = number.expect("one of all acts") as u8;
+        world.step(number, prompt).expect("no law is broken");
+    }
+    let told = world.told.expect("it was asked for");
+    let stands = |event: &Event| matches!(event, Event::Done(Ok(Completion::Stopped { .. })));
+    assert!(!told.iter().any(|(_, event)| stands(event)), "{told:?}");
 }

@@ -3,6 +3,7 @@
 use core::fmt;
 use core::hash::{Hash, Hasher};
 use core::time::Duration;
+use std::hash::DefaultHasher;
 
 use servocrab::axis::{
     AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Delivery, Event,
@@ -13,16 +14,14 @@ use servocrab::profile_position::{
     BufferMode, BufferSignal, MoveCommand, Parameters, Reference, SetPoint, StartBits, Traits,
 };
 
-use crate::fingerprint::{self, Fingerprint, MOST, START};
+use crate::fingerprint::{self, Fingerprint, MOST};
 
 /// One cycle.
 pub const CYCLE: Duration = Duration::from_millis(50);
-/// The settle time, and the deadlines: of a standstill, which five samples have to show, and of a beginning; of all else.
+/// The settle time, and the deadlines: of a standstill, which five samples have to show; of all else but a beginning.
 const SETTLE: u32 = 2;
 const STANDSTILL: u32 = 6;
 const DEADLINE: u32 = 4;
-/// The longest of them: older instants mean the same.
-pub const LONGEST: Duration = Duration::from_millis(300);
 /// Counts from one position to the next; the window is 10.
 const STEP: i32 = 100;
 /// Positions on each side of 0.
@@ -41,6 +40,11 @@ pub struct Size {
 }
 
 impl Size {
+    /// Whether nothing goes beyond docs/fault-model.md: then no outcome is wrong.
+    const fn is_inside(&self) -> bool {
+        self.deviations == 0 || self.kinds & OUTSIDE == 0
+    }
+
     /// Whether an act is none of the deviations that are left out.
     fn allows(&self, act: u8) -> bool {
         let kind = usize::from(act).checked_sub(FIRST_DEVIATION);
@@ -80,6 +84,8 @@ pub struct Description {
     pub shows_voltage: bool,
     /// Bits 5 and 9 are taken from the word before the edge.
     pub bits_first: bool,
+    /// The deadline of a beginning, in cycles. Beyond the five that show a rest, a move that is over where the axis rests may not have begun.
+    pub begin: u32,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -110,6 +116,8 @@ impl Hash for Held {
 enum Kind {
     Move,
     Stop,
+    /// Of a fault: without one it says nothing of the axis.
+    Reset,
     Other,
 }
 
@@ -142,7 +150,7 @@ impl Hash for Asked {
 }
 
 /// Everything but the core.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Around {
     power: Power,
     /// The power stage has its supply, or nothing shows whether it has.
@@ -158,7 +166,7 @@ pub struct Around {
     asked: [Option<Asked>; MOST],
     /// For how many more cycles each deviation is under way.
     deviations: [u8; DEVIATIONS],
-    /// Cycles since the words drive no more, at most the longest deadline.
+    /// Cycles since the words drive no more, by bit 8 or otherwise, at most the longest deadline.
     stopping: u8,
     /// The last statusword that came was of another state. What two in a row show counts as true.
     wrong: bool,
@@ -177,8 +185,6 @@ pub struct World {
     sent: u16,
     description: Description,
     size: Size,
-    /// Whether the core lets go of what makes no difference.
-    pub forgets: bool,
     /// What the core has told, where somebody wants to know.
     pub told: Option<Vec<(CommandId, Event)>>,
 }
@@ -260,6 +266,8 @@ pub const ACTS: [Act; 35] = [
     Act::Falls,
 ];
 const FIRST_DEVIATION: usize = 20;
+/// What is outside of docs/fault-model.md, by bit: words of another state, and a mode that is not the drive's.
+const OUTSIDE: u32 = 0xFF;
 /// So many deviations there are.
 pub const KINDS: usize = ACTS.len() - FIRST_DEVIATION;
 /// All of them, by bit.
@@ -332,7 +340,7 @@ impl World {
             enable: STANDSTILL * CYCLE,
             disable: DEADLINE * CYCLE,
             acknowledge: DEADLINE * CYCLE,
-            begin: STANDSTILL * CYCLE,
+            begin: description.begin * CYCLE,
             standstill: STANDSTILL * CYCLE,
             mode: DEADLINE * CYCLE,
             fault_reset: DEADLINE * CYCLE,
@@ -343,12 +351,11 @@ impl World {
         };
         Self {
             core: AxisCore::new(config),
-            now: START,
+            now: Duration::ZERO,
             outputs: [0; OUTPUTS],
             sent: 0,
             description,
             size,
-            forgets: true,
             told: None,
             around: Around {
                 power: Power::Disabled,
@@ -368,9 +375,17 @@ impl World {
         }
     }
 
-    /// What tells this state from others, with these surroundings: names are numbered by the core.
+    /// What tells this state from others, with these surroundings: names are numbered by the core. How long ago the core was stepped last
+    /// is no part of its hash: it knows for how many cycles its drive has not answered, which is two at most here.
     pub fn print_of_core(&self) -> Fingerprint {
-        fingerprint::of(self.now, LONGEST, &self.core)
+        fingerprint::of(&self.core)
+    }
+
+    /// The same, where neither names nor sides are alike.
+    pub fn exact_print(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        (&self.core, &self.around, self.sent, self.outputs).hash(&mut hasher);
+        hasher.finish()
     }
 
     fn word(&self) -> u16 {
@@ -517,9 +532,6 @@ impl World {
         self.core
             .step_kept(self.now, inputs, false, &mut self.outputs);
         self.drain()?;
-        if self.forgets {
-            self.core.canonicalize(self.now);
-        }
         Ok(Seen {
             // What the drive does with the frame shows in the next.
             word: if delivered { word } else { self.around.before },
@@ -544,7 +556,7 @@ impl World {
             Ask::Resume => (Command::Resume, Kind::Other),
             Ask::Stop => (Command::Stop, Kind::Stop),
             Ask::QuickStop => (Command::QuickStop, Kind::Stop),
-            Ask::Reset => (Command::ResetFault, Kind::Other),
+            Ask::Reset => (Command::ResetFault, Kind::Reset),
         };
         let snapshot = self.core.snapshot();
         let halts = ask == Ask::Halt && !self.description.halt_coasts;
@@ -643,8 +655,12 @@ impl World {
         if word & 0x10F == 0x10F && self.description.halt_coasts {
             return Err(format!("{word:04X}h is sent, and 605Dh is 0"));
         }
-        if word & 0x8F == 0x0F {
+        if word & 0x18F == 0x0F {
             around.stopping = 0;
+        } else {
+            around.stopping = (around.stopping + 1).min(STANDSTILL as u8 + 1);
+        }
+        if word & 0x8F == 0x0F {
             if before & 0x18F == 0x10F && word & 0x100 == 0 && !resumed && around.holds() {
                 return Err(format!(
                     "{before:04X}h, then {word:04X}h, and nobody resumed"
@@ -652,7 +668,6 @@ impl World {
             }
             return Ok(());
         }
-        around.stopping = (around.stopping + 1).min(STANDSTILL as u8 + 1);
         let leads_down = word & 0x82 == 0 || word & 0x87 == 0x06 || word & 0x8F == 0x07;
         if leads_down && around.is_powered() && around.moved && around.stopping <= STANDSTILL as u8
         {
@@ -688,8 +703,11 @@ impl World {
                     asked.pending = false;
                     let was = *asked;
                     self.around.clear_taken(id.0);
+                    let inside = self.size.is_inside();
                     let broken = match (was.kind, result) {
-                        (Kind::Move, Ok(_)) if !was.ended && !self.around.has_no_way(id.0) => {
+                        (Kind::Move, Ok(_))
+                            if inside && !was.ended && !self.around.has_no_way(id.0) =>
+                        {
                             "the drive has not come to its end"
                         }
                         (Kind::Stop, Ok(Completion::Stopped { .. }))
@@ -697,13 +715,13 @@ impl World {
                         {
                             "the drive still holds a set-point"
                         }
-                        (_, Ok(Completion::Stopped { .. }))
+                        (Kind::Stop | Kind::Other, Ok(Completion::Stopped { .. }))
                             if self.around.moved && self.around.is_powered() =>
                         {
                             "the axis moves"
                         }
-                        (Kind::Move, Err(Failure::MissedTarget { .. })) if was.ended => {
-                            "the drive has come to its end"
+                        (Kind::Move, Err(Failure::MissedTarget { .. })) if inside => {
+                            "the drive limits nothing"
                         }
                         (Kind::Move, Err(failure)) if was.taken && is_not_sent(failure) => {
                             "the drive has taken it"

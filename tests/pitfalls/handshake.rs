@@ -1,6 +1,6 @@
 //! Pitfalls 1 to 6: bit 4 and bit 12.
 
-use servocrab::axis::{Completion, Delivery, Failure, WaitingFor};
+use servocrab::axis::{Completion, Delivery, Doubt, Failure, WaitingFor};
 use servocrab::ds402::Statusword;
 use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{AckFault, AckPolicy, Behaviour, Outcome};
@@ -101,9 +101,8 @@ fn pitfall_04_an_acknowledge_left_from_the_move_before_is_not_taken_for_a_new_on
         assert!(
             matches!(
                 outcome,
-                Err(Failure::Timeout {
-                    waiting_for: WaitingFor::Acknowledge,
-                    delivery: Delivery::Unknown,
+                Err(Failure::Unknown {
+                    doubt: Doubt::Unacknowledged,
                     ..
                 })
             ),

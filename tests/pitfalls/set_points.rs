@@ -1,6 +1,6 @@
 //! Pitfalls 7 to 13: what a set-point carries, and what is said about it.
 
-use servocrab::axis::{Command, Completion, Event, Failure};
+use servocrab::axis::{Command, Completion, Event, Failure, ParameterFault};
 use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Outcome};
 
@@ -139,7 +139,10 @@ fn pitfall_12_a_parameter_that_has_no_way_to_the_drive_refuses_the_move() {
     let refused = rig.abs(10_000, SetPoint::new().velocity(1));
     assert!(matches!(
         rig.outcome(refused),
-        Some(Err(Failure::NotMapped(_)))
+        Some(Err(Failure::Parameter {
+            fault: ParameterFault::NotMapped,
+            ..
+        }))
     ));
     rig.run(100);
     assert_eq!(rises(&rig.words, BIT_4), 0);

@@ -13,7 +13,7 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Failure, Referencing},
+    axis::{Axis, AxisError, AxisErrorKind, Failure, Referencing, Unsupported},
     bus::{AxisConfig, DriveConfig, Network},
     coe::{SdoError, obj},
     drives::DriveDescription,
@@ -337,13 +337,16 @@ fn in_words(error: &AxisError) -> String {
         AxisErrorKind::Failed(Failure::Timeout { waiting_for, .. }) => {
             format!("Timeout {waiting_for:?}")
         }
-        AxisErrorKind::Failed(Failure::Unsupported { buffer_mode, .. }) => {
+        AxisErrorKind::Failed(Failure::Unsupported(Unsupported::Start { buffer_mode, .. })) => {
             format!("Unsupported {buffer_mode:?}")
         }
         AxisErrorKind::Failed(Failure::Fault { code }) => {
             format!("Fault {:04X}h", code.unwrap_or(0))
         }
-        AxisErrorKind::Failed(Failure::ProfileType { profile_type, .. }) => {
+        AxisErrorKind::Failed(Failure::Unsupported(Unsupported::ProfileType {
+            profile_type,
+            ..
+        })) => {
             format!("ProfileType {profile_type}")
         }
         AxisErrorKind::Failed(Failure::BeyondLimit { object, limit, .. }) => {

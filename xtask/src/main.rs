@@ -1,6 +1,5 @@
 //! The project's own commands. `cargo xtask --help` lists them.
 
-mod before;
 mod files;
 mod hostile;
 mod house;
@@ -24,7 +23,6 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    Before(before::Args),
     Hostile(hostile::Args),
     House(house::Args),
     MotionTable(motion_table::Args),
@@ -37,7 +35,6 @@ enum Command {
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
-        Command::Before(args) => before::run(&args),
         Command::Hostile(args) => hostile::run(&args),
         Command::House(args) => house::run(&args),
         Command::MotionTable(args) => motion_table::run(&args),

@@ -164,7 +164,7 @@ const ROWS: &[Row] = &[
             "drive-bit-7-resets-any-state"
         ),
         library: by!(
-            commands::library_refuses_a_reset_without_a_fault,
+            commands::library_sends_no_reset_without_a_fault,
             "library-resets-without-fault"
         ),
     },

@@ -1,7 +1,9 @@
 //! The heading, "Description", "Drive Opmode", "Motion Settings", "Common PDO Data", "CANopen Scaling" and the first rows
 //! of the example.
 
-use servocrab::axis::{AxisCore, AxisFields, Command, Completion, CoreConfig, Failure, Inputs};
+use servocrab::axis::{
+    AxisCore, AxisFields, Command, Completion, CoreConfig, Failure, Inputs, Unsupported,
+};
 use servocrab::coe::{AnyObject, AxisOffset, Object, ObjectAddress, ReadWrite, obj};
 use servocrab::drives;
 use servocrab::ds402::{Mode, SupportedModes};
@@ -81,7 +83,7 @@ pub(super) fn library_reads_the_mode_from_6502h() {
         let expected = if allowed {
             Ok(Completion::Done)
         } else {
-            Err(Failure::ModeNotSupported { mode })
+            Err(Failure::Unsupported(Unsupported::Mode(mode)))
         };
         assert_eq!(rig.finish(select), expected, "{modes:08X}h");
         assert_eq!(rig.mode() == mode, allowed);

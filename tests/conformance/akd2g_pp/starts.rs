@@ -462,7 +462,7 @@ pub(super) fn library_never_sends_bits_5_and_9_together() {
         rig.abs(target, SetPoint::new().buffer_mode(start));
         rig.run(30);
     }
-    rig.run(3_000);
+    rig.run(5_000);
     assert!(rig.ledger().len() >= 3);
     for word in &rig.words {
         assert_ne!(word & 0x220, 0x220, "{word:03X}h");

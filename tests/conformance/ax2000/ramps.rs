@@ -1,6 +1,6 @@
 //! "Object 6086h: motion_profile_type".
 
-use servocrab::axis::Failure;
+use servocrab::axis::{Failure, Unsupported};
 use servocrab::coe::obj;
 use servocrab::pdo_map::Mapping as PdoMapping;
 use servocrab::profile_position::{BufferMode, SetPoint};
@@ -108,7 +108,8 @@ fn is_refused_by_the_library(kinds: &[i16]) {
         assert!(
             matches!(
                 rig.outcome(refused),
-                Some(Err(Failure::ProfileType { profile_type, .. })) if profile_type == *kind
+                Some(Err(Failure::Unsupported(Unsupported::ProfileType { profile_type, .. })))
+                    if profile_type == *kind
             ),
             "{kind}: {:?}",
             rig.outcome(refused)

@@ -1,6 +1,6 @@
 //! "Functional Description": single set-points and sets of set-points, bits 4, 5 and 12.
 
-use servocrab::axis::{Completion, Failure};
+use servocrab::axis::{Completion, Failure, Unsupported};
 use servocrab::ds402::Statusword;
 use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::Outcome;
@@ -86,7 +86,7 @@ pub(super) fn library_refuses_a_blend_with_sin2_ramps() {
     let refused = rig.abs(20_000, blend().profile_type(1));
     assert!(matches!(
         rig.outcome(refused),
-        Some(Err(Failure::ProfileType { .. }))
+        Some(Err(Failure::Unsupported(Unsupported::ProfileType { .. })))
     ));
     rig.run(50);
     assert!(rig.ledger().is_empty());
@@ -96,7 +96,7 @@ pub(super) fn library_refuses_a_blend_with_sin2_ramps() {
     let refused = rig.abs(40_000, blend().profile_type(0));
     assert!(matches!(
         rig.finish(refused),
-        Err(Failure::ProfileType { .. })
+        Err(Failure::Unsupported(Unsupported::ProfileType { .. }))
     ));
     assert!(rig.finish(first).is_ok());
     assert_eq!(rig.ledger().len(), 1);
@@ -205,10 +205,10 @@ pub(super) fn library_refuses_to_replace() {
     let refused = rig.abs(20_000, SetPoint::new());
     assert!(matches!(
         rig.finish(refused),
-        Err(Failure::Unsupported {
+        Err(Failure::Unsupported(Unsupported::Start {
             buffer_mode: BufferMode::Aborting,
             ..
-        })
+        }))
     ));
     rig.run(50);
     assert!(rig.words.iter().all(|word| word & 0x10 == 0));

@@ -1,6 +1,6 @@
 //! How set-points are handed over and processed.
 
-use servocrab::axis::{Completion, Event, Failure};
+use servocrab::axis::{Completion, Event, Failure, Unsupported};
 use servocrab::coe::obj;
 use servocrab::ds402::Statusword;
 use servocrab::profile_position::{BufferMode, SetPoint};
@@ -364,10 +364,10 @@ pub(super) fn library_refuses_other_ramps() {
     let refused = rig.abs(5_000, SetPoint::new().profile_type(1));
     assert!(matches!(
         rig.outcome(refused),
-        Some(Err(Failure::ProfileType {
+        Some(Err(Failure::Unsupported(Unsupported::ProfileType {
             profile_type: 1,
             ..
-        }))
+        })))
     ));
     let id = rig.abs(5_000, SetPoint::new().profile_type(0));
     assert!(rig.finish(id).is_ok());
