@@ -124,7 +124,7 @@ impl Machines {
                 edges: 0,
             };
         } else {
-            self.done(id, stopped(step.state));
+            self.done(id, Ok(Completion::Done));
         }
     }
 

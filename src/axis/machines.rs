@@ -425,6 +425,7 @@ impl Machines {
                 self.fail_commands(step, failure);
                 self.finish_stop(Err(failure));
                 self.power = Power::Off;
+                self.stopping.halt = Halt::OFF;
                 if failure != Failure::QuickStopIgnored {
                     self.brake.give_up();
                 }

@@ -100,7 +100,10 @@ impl Modes {
     /// The drive's settings are read, before anything moves.
     pub fn know(&mut self, config: &CoreConfig) {
         self.sequencer = Sequencer::new(config.defaults);
-        self.reference = Reference::of(config.homed);
+        self.reference = match self.reference {
+            Reference::BeforeLoss if !config.homed => Reference::BeforeLoss,
+            _ => Reference::of(config.homed),
+        };
     }
 
     pub const fn active(&self) -> Mode {

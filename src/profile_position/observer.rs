@@ -540,7 +540,9 @@ impl Observer {
             // At no end an input of the drive holds it, and may let it go on at any time.
             let (position, bounds) = (cycle.evidence.position, cycle.rules.bounds);
             let at_end = |entry: &Entry| {
-                entry.ends.are_known(bounds) && entry.ends.contain(position, bounds)
+                entry.report != Report::Outcome
+                    && entry.ends.are_known(bounds)
+                    && entry.ends.contain(position, bounds)
             };
             if !self.entries.iter().flatten().any(at_end) {
                 return false;

@@ -184,9 +184,7 @@ impl Sequencer {
     /// Bit 4 goes low and nothing is held any more: the axis is out of Operation enabled and the drive has dropped its set-points (S6).
     pub fn lower(&mut self) {
         self.take_start_bits_back();
-        if !matches!(self.handshake, Handshake::Low(_)) {
-            self.handshake = Handshake::LOW;
-        }
+        self.handshake = Handshake::LOW;
         self.bits = ModeBits::NONE;
         self.needs_stop = false;
     }

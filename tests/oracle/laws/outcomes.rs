@@ -280,10 +280,15 @@ impl Scenario {
         let latch = &ledger[index];
         // Of what the axis passes while it halts the core claims nothing. Nor does an end show to which it comes before bit 10 is surely its own.
         let seen = issued.acknowledged + self.watch.answer;
+        // Nor one to which it comes while the move before may still settle.
+        let is_short = |at: u64| {
+            let began = latch.began.unwrap_or(at);
+            index > 0 && ledger[index - 1].end.is_some() && at - began <= self.watch.settle as u64
+        };
         let short = latch.way <= 3.0 * self.watch.window.max(self.in_a_tick(latch));
         if latch.relative
             || issued.halted
-            || latch.arrived.is_some_and(|at| at <= seen)
+            || latch.arrived.is_some_and(|at| at <= seen || is_short(at))
             || (latch.out.end_velocity != 0 && short)
         {
             return false;
