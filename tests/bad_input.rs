@@ -318,7 +318,6 @@ fn each_mistake_has_its_error_and_leaves_the_wire_as_it_was() {
 }
 
 #[test]
-#[ignore = "core: bits 5 and 6 go out before the limits are checked"]
 fn a_distance_beyond_a_limit_has_its_error_and_leaves_the_wire_as_it_was() {
     leaves_the_wire_as_it_was(distances_beyond_limits());
 }

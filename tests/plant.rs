@@ -160,15 +160,8 @@ fn a_drive_that_rests_between_queued_moves_with_bit_10_high_is_followed_to_the_l
 }
 
 #[test]
-#[ignore = "core: MissedTarget. The low bit 10 of a move that settles begins the next one, whose turn bit 12 shows"]
 fn a_long_rest_between_moves_is_no_end_where_bit_12_shows_the_buffer() {
     is_followed_to_the_last(true, 250);
-}
-
-#[test]
-#[ignore = "core: Unseen. The next move is sent into the rest before one has begun, and bit 10 makes that doubtful"]
-fn a_long_rest_between_moves_is_no_doubt_where_bit_12_follows_bit_4() {
-    is_followed_to_the_last(false, 250);
 }
 
 fn is_followed_to_the_last(shows_room: bool, dwell: u32) {
@@ -199,7 +192,6 @@ fn is_followed_to_the_last(shows_room: bool, dwell: u32) {
 
 /// An acknowledge during lost frames: bit 12 was low before the rise of bit 4, and is high in the first answer after it.
 #[test]
-#[ignore = "core: after lost replies the first answer counts as the one that brings bit 4, and its bit 12 as that of a full buffer"]
 fn an_acknowledge_is_seen_also_where_the_replies_behind_bit_4_are_lost() {
     for shows_room in [true, false] {
         let mut bus = showing(Habits {
@@ -270,7 +262,6 @@ fn bit_10_of_a_halt_that_is_still_shown_is_not_that_of_the_move_that_goes_on() {
 }
 
 #[test]
-#[ignore = "core: S7 counts from when the low of bit 8 was sent, not from when it was delivered"]
 fn bit_10_of_a_halt_whose_end_was_lost_is_not_that_of_the_move_that_goes_on() {
     goes_on_after_its_halt([(8, Link::RequestLost), (8, Link::Undelivered)]);
 }

@@ -505,10 +505,3 @@ fn a_move_that_comes_to_its_end_is_reached_by_close_samples() {
         assert_reached_by_close_samples(signal, start);
     }
 }
-
-/// The drive has taken the second move, and shows bit 10 at the start, before it begins the first.
-#[test]
-#[ignore = "core: bit 10 at the start, before the first begins, makes its sighting doubtful"]
-fn a_move_that_begins_late_is_reached_by_close_samples_where_bit_12_follows_bit_4() {
-    assert_reached_by_close_samples(FOLLOWS, AtRest);
-}

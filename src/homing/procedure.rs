@@ -207,9 +207,10 @@ impl Procedure {
                 HomingVerdict::GoOn
             }
             HomingPhase::High(run) if run.sent => {
-                let had_begun = run.has_begun();
+                let was_sure = run.has_surely_begun();
                 let end = run.step(cycle);
-                let (id, begins) = (run.id, run.has_begun() && !had_begun);
+                let is_sure = run.has_surely_begun() || matches!(end, Some(Ok(_)));
+                let (id, begins) = (run.id, is_sure && !was_sure);
                 if begins {
                     events.push(id, Event::Accepted);
                 }
@@ -294,6 +295,8 @@ impl Left {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Progress {
     None,
+    /// What an earlier homing has left fell for one word, which may be wrong.
+    Perhaps,
     /// It is at work on this one, for all that shows.
     Begun,
     /// It was surely at work: "in progress" was news.
@@ -360,15 +363,19 @@ impl Run {
         self.progress != Progress::None
     }
 
+    const fn has_surely_begun(&self) -> bool {
+        matches!(self.progress, Progress::Begun | Progress::Worked)
+    }
+
     fn begin(&mut self) {
-        if !self.has_begun() {
+        if !self.has_surely_begun() {
             self.progress = Progress::Begun;
         }
     }
 
     /// How far it came, should it not end well.
     fn delivery(&self) -> Delivery {
-        if self.has_begun() {
+        if self.has_surely_begun() {
             Delivery::Accepted
         } else {
             Delivery::Unknown
@@ -440,16 +447,19 @@ impl Run {
         let seen = self.seen.is_some_and(Timer::is_over);
         let attained = evidence.acknowledge.is_high() && !evidence.error.is_high();
         let rose = seen && attained && self.attained == Left::Low;
+        let has_fallen = !self.idles_in_progress && self.attained == Left::Fallen;
         if !self.idles_in_progress && is_in_progress(evidence) {
             // "In progress" is news, and this one's doing.
             self.progress = Progress::Worked;
         } else if rose
             || (self.idles_in_progress && seen && self.place.is_none())
-            || (!self.idles_in_progress && self.attained == Left::Fallen)
+            || (has_fallen && evidence.acknowledge.is_low())
         {
             // Bit 12 has risen, or the axis has left its place, after the drive has surely seen bit 4; or what an earlier homing has left has
             // fallen.
             self.begin();
+        } else if has_fallen && !self.has_begun() {
+            self.progress = Progress::Perhaps;
         }
     }
 

@@ -404,9 +404,9 @@ fn one_wrong_word_is_neither_an_error_nor_the_end_nor_the_beginning_of_a_homing(
         .shows_for(5, DONE)
         .shows(IN_PROGRESS)
         .shows_for(300, DONE);
-    assert!(homing.is_high() && homing.reports() == [Event::Accepted]);
+    assert!(homing.is_high() && homing.reports().is_empty());
     homing.shows_for(50, IN_PROGRESS).shows_for(3, DONE);
-    assert_eq!(homing.reports(), [homed()]);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
 }
 
 #[test]
@@ -414,9 +414,9 @@ fn a_homing_that_was_over_within_one_word_is_done_in_the_time_of_a_beginning() {
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, DONE);
     homing.shows_for(5, DONE).shows(IN_PROGRESS);
     homing.shows_for(485, DONE);
-    assert_eq!(homing.reports(), [Event::Accepted]);
+    assert!(homing.reports().is_empty());
     homing.shows_for(15, DONE);
-    assert_eq!(homing.reports(), [homed()]);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
 }
 
 #[test]
@@ -730,6 +730,8 @@ fn the_fall_of_an_old_result_is_the_beginning_of_this_homing() {
     homing.shows_for(5, DONE);
     assert!(homing.reports().is_empty());
     homing.shows(NOT_STARTED);
+    assert!(homing.reports().is_empty());
+    homing.shows_for(2, NOT_STARTED);
     assert_eq!(homing.reports(), [Event::Accepted]);
 }
 

@@ -251,13 +251,11 @@ fn way_out(way: Way) {
 }
 
 #[test]
-#[ignore = "core: 0100h, and not 0000h, until `Deadlines::disable`"]
 fn a_disable_takes_the_power_of_an_axis_that_never_stands() {
     way_out(Way::Disable);
 }
 
 #[test]
-#[ignore = "core: 0100h, and not 0000h, until `Deadlines::disable`"]
 fn a_stop_takes_the_power_of_an_axis_that_never_stands() {
     way_out(Way::Stop);
 }
@@ -268,13 +266,11 @@ fn a_quick_stop_takes_the_power_of_an_axis_that_never_stands() {
 }
 
 #[test]
-#[ignore = "core: 0100h, and not 0000h, until `Deadlines::disable`"]
 fn a_shutdown_takes_the_power_of_an_axis_that_never_stands() {
     way_out(Way::Shutdown);
 }
 
 #[test]
-#[ignore = "core: 0100h, and not 0000h, until `Deadlines::disable`"]
 fn a_dropped_handle_takes_the_power_of_an_axis_that_never_stands() {
     way_out(Way::HandleDropped);
 }

@@ -84,7 +84,6 @@ fn a_halt_of_a_moving_axis_ends_when_it_stands() {
 }
 
 #[test]
-#[ignore = "core: a reset without a fault says that a moving axis stands"]
 fn a_reset_without_a_fault_does_not_say_that_a_moving_axis_stands() {
     let size = Size {
         commands: 2,

@@ -92,7 +92,6 @@ fn what_was_homed_is_still_where_it_was() {
 }
 
 #[test]
-#[ignore = "core: `Modes::know` forgets that the axis was homed before the loss"]
 fn what_was_homed_is_still_where_it_was_though_no_object_of_the_drive_says_so() {
     is_still_homed(personality::generic(), drives::generic());
 }

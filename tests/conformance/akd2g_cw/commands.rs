@@ -203,7 +203,6 @@ pub(super) fn drive_resets_a_fault() {
 }
 
 #[test]
-#[ignore = "core: the time that a left-out step has not counted for the low of bit 4 is lost when the drive leaves Operation enabled"]
 pub(super) fn library_resets_a_fault() {
     let mut rig = enabled();
     rig.drive.inject_fault(0x7305);
@@ -235,7 +234,6 @@ pub(super) fn drive_ignores_bit_7_beside_a_command() {
 }
 
 #[test]
-#[ignore = "core: the time that a left-out step has not counted for the low of bit 4 is lost when the drive leaves Operation enabled"]
 pub(super) fn library_sends_bit_7_alone() {
     let mut rig = enabled();
     rig.drive.inject_fault(0x7305);
