@@ -484,7 +484,7 @@ impl Run {
                 // it if it were still at work, and the axis reads what it reads at home.
                 motionless && (anew || (proven && self.reads_home(cycle)))
             };
-        if mine {
+        if mine && !self.has_begun() {
             self.begin();
         }
         let stands = evidence.stands();
