@@ -28,7 +28,7 @@ pub(super) struct Observed {
     pub link: Link,
     /// 6061h where it is read by SDO.
     noted_mode: Mode,
-    /// Cycles before the last one are missing.
+    /// Before the last one samples were missing for so long that an axis that settles may have left and come back.
     blind: bool,
     timing: Aside<CycleTiming>,
     last_seen: Aside<LastSeen>,
@@ -158,7 +158,7 @@ impl Observed {
             return lost.unwrap_or(News::None);
         };
         let (elapsed, stalled) = self.timing.0.note(nanoseconds(now), number);
-        let blind = was_stale > 0 || stalled;
+        let blind = (was_stale > 0 || stalled) && elapsed.0 > nanoseconds(bounds.settle) / 8 * 3;
         let before = self.sample.replace(sample);
         self.before = before.map_or(sample.position, |before| before.position);
         let rest = self

@@ -83,7 +83,7 @@ pub(crate) struct Evidence {
     pub before: i32,
     /// Where the axis stands, if it does.
     pub rest: Option<i32>,
-    /// Cycles before this one are missing: their frames were lost, or the host stood still.
+    /// Before this sample others are missing, for more than three eighths of the settle time: frames were lost, or the host stood still.
     pub blind: bool,
     /// Bits 10, 12 and 13.
     pub reached: Bit,

@@ -418,11 +418,12 @@ impl Observer {
                 continue;
             }
             let at_end = entry.ends.contain(position, bounds);
-            let elsewhere = !cycle.halted && evidence.reached.shows_high() && !at_end;
+            let waits = self.worlds.has(Worlds::WAITING.and(own));
+            // Until it has begun bit 10 may be high.
+            let elsewhere = !cycle.halted && !waits && evidence.reached.shows_high() && !at_end;
             let doubtful = (has_follower && elsewhere) || (follower.is_some() && evidence.blind);
             let passes = follower != Some(BufferMode::Buffered);
             let met = at_end || (passes && entry.ends.are_met(before, position, bounds));
-            let waits = self.worlds.has(Worlds::WAITING.and(own));
             entry.sighting = match entry.sighting {
                 Sighting::None | Sighting::Staying(_) if doubtful => Sighting::Doubtful,
                 Sighting::Doubtful if follower.is_some() => Sighting::Doubtful,

@@ -37,7 +37,7 @@ impl Standstill {
 
     fn count(&mut self, position: i32, elapsed: Elapsed, blind: bool, bounds: &Bounds) {
         // An axis that swings may have left and come back meanwhile.
-        if blind && elapsed.0 > nanoseconds(bounds.settle) / 8 * 3 {
+        if blind {
             self.begin(position, bounds);
             return;
         }

@@ -246,6 +246,9 @@ pub struct Drive {
 /// Ticks by which its outputs are late at most, however often that comes over it.
 const LATE: u32 = 3;
 
+/// Samples may be missing for three eighths of a settle time of 100 ms.
+const MISSING: f64 = 0.0375;
+
 impl Drive {
     pub fn new(making: Making, habits: Habits, mut random: Random) -> Self {
         let mut drive = Self {
@@ -1159,10 +1162,20 @@ impl Drive {
 
     /// For how many ticks it stands where it has limited a set-point, with bit 10.
     fn stand_of_a_limit(&mut self) -> u32 {
+        // In two samples that arrive (S5).
+        const LOSES: Habits = Habits::of(&[
+            Habit::FramesLost,
+            Habit::FramesLate,
+            Habit::FramesDoubled,
+            Habit::HostStands,
+        ]);
+        let seen = 2 * self.making.drive_cycle;
         if self.has(Habit::ClampOfOneSample) {
             1
+        } else if self.habits.any(LOSES) {
+            seen + (MISSING / self.making.tick) as u32
         } else {
-            2 * self.making.drive_cycle
+            seen
         }
     }
 
