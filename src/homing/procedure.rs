@@ -280,7 +280,7 @@ enum Left {
 }
 
 impl Left {
-    const fn of(bit: Bit) -> Self {
+    const fn by(bit: Bit) -> Self {
         if bit.is_low() { Self::Low } else { Self::High }
     }
 
@@ -347,8 +347,8 @@ impl Run {
                 acknowledge
             },
             seen: None,
-            attained: Left::of(evidence.acknowledge),
-            error: Left::of(evidence.error),
+            attained: Left::by(evidence.acknowledge),
+            error: Left::by(evidence.error),
             idles_in_progress,
             progress: Progress::None,
             place: Some(evidence.position),
