@@ -992,11 +992,32 @@ impl Drive {
                 phase = Phase::Waits { ticks, reached };
             }
         }
+        if phase == Phase::Runs && self.stands_at_a_limit() {
+            // In two samples that arrive (S5).
+            let ticks = self.ticks(MISSING);
+            let reached = self.reached;
+            phase = Phase::Waits { ticks, reached };
+        }
         self.active = Some((set_point, phase));
         self.ledger[set_point.index].still = self.is_still(set_point.index);
         if phase == Phase::Runs {
             self.begin(set_point.index);
         }
+    }
+
+    /// Whether a set-point that it has limited may not have been seen there, since samples are missing.
+    fn stands_at_a_limit(&self) -> bool {
+        const LOSES: Habits = Habits::of(&[
+            Habit::FramesLost,
+            Habit::FramesLate,
+            Habit::FramesDoubled,
+            Habit::HostStands,
+        ]);
+        let end = self.recent.and_then(|index| self.ledger[index].end);
+        self.habits.any(LOSES)
+            && !self.habits.has(Habit::ClampOfOneSample)
+            && matches!(end, Some((_, End::Limited)))
+            && self.demand_velocity == 0.0
     }
 
     fn begin(&mut self, index: usize) {
@@ -1162,20 +1183,10 @@ impl Drive {
 
     /// For how many ticks it stands where it has limited a set-point, with bit 10.
     fn stand_of_a_limit(&mut self) -> u32 {
-        // In two samples that arrive (S5).
-        const LOSES: Habits = Habits::of(&[
-            Habit::FramesLost,
-            Habit::FramesLate,
-            Habit::FramesDoubled,
-            Habit::HostStands,
-        ]);
-        let seen = 2 * self.making.drive_cycle;
         if self.has(Habit::ClampOfOneSample) {
             1
-        } else if self.habits.any(LOSES) {
-            seen + (MISSING / self.making.tick) as u32
         } else {
-            seen
+            2 * self.making.drive_cycle
         }
     }
 
