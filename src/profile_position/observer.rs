@@ -44,6 +44,8 @@ pub(crate) struct Entry {
     pub turns: bool,
     /// Whether the way shows that the one before it is over (A2).
     pub shown_by_way: bool,
+    /// Whether its ends count from those of the one before it.
+    pub counts_on: bool,
     sighting: Sighting,
     report: Report,
     /// Until what is shown is surely of after its acknowledge; and of after its beginning, since that is sure.
@@ -453,6 +455,9 @@ impl Observer {
         {
             self.report(0, first.passed_into(second.start, cycle), events);
             let mut second = second;
+            if second.counts_on && !first.was_met() {
+                second.ends = Ends::ANYWHERE;
+            }
             if known.room.is_some() {
                 // What is low may be the first that settles.
                 second.seen = second
@@ -669,6 +674,7 @@ impl Entry {
             ends,
             turns: false,
             shown_by_way: false,
+            counts_on: false,
             sighting: Sighting::None,
             report: Report::Nothing,
             seen: rules.seen(),

@@ -326,6 +326,7 @@ impl Sequencer {
         let start = command.set_point.buffer_mode;
         let mut entry = Entry::new(id, start, runs_on(&command), ends, &cycle.rules);
         entry.turns = sent.turns;
+        entry.counts_on = command.reference == Reference::Relative;
         entry.shown_by_way = sent.shown_by_way;
         let (position, bounds) = (cycle.evidence.position, cycle.rules.bounds);
         if self.observer.count() == 0 && ends.are_known(bounds) && ends.contain(position, bounds) {

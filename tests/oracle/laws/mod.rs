@@ -152,7 +152,7 @@ impl Scenario {
         if !seen {
             watch.blind = self.cycle;
         }
-        if watch.trail.len() >= watch.settle + watch.answer as usize + 32 {
+        if watch.trail.len() >= 2 * watch.settle + watch.answer as usize + 32 {
             watch.trail.pop_front();
         }
         watch.trail.push_back((self.drive.position, seen));
@@ -178,7 +178,7 @@ impl Scenario {
     /// Whether the axis has stayed where it is for so long that nobody can miss it.
     pub fn surely_stood(&self) -> bool {
         let watch = &self.watch;
-        let cycles = watch.settle + watch.answer as usize;
+        let cycles = 2 * watch.settle + watch.answer as usize;
         watch.trail.len() > cycles && self.stayed(cycles, watch.window / 2.0, 1)
     }
 

@@ -265,10 +265,18 @@ impl Scenario {
         let known = !latch.relative || (latch.known && self.watch.base_is_known);
         let index = issued.latch.unwrap_or_default();
         let is_right = match latch.arrived {
-            Some(_) => was_there || !known,
+            Some(_) => was_there || !known || self.is_limited_at_once(&latch),
             None => self.drive.is_still(index) || self.drive.is_there_soon(index),
         };
         (!is_right).then_some("Reached: that set-point has ended there")
+    }
+
+    /// Whether the drive limits it within the window of where it began: that looks like one that has not begun (S5).
+    fn is_limited_at_once(&self, latch: &Latch) -> bool {
+        let way = |limit: f64| latch.way - self.drive.apart(latch.goal, limit);
+        latch
+            .limit
+            .is_some_and(|limit| way(limit) <= self.watch.window + 1.0)
     }
 
     /// Whether a sound drive leaves no doubt about this one: it shows room, or its end and those beside it are far apart.
