@@ -126,6 +126,13 @@ pub struct Issued {
     pub latch: Option<usize>,
 }
 
+impl Issued {
+    /// A move that the drive has acknowledged and whose outcome is open.
+    pub const fn is_open_move(&self) -> bool {
+        self.a_move.is_some() && self.accepted && !self.done
+    }
+}
+
 pub struct Scenario {
     pub host: Host,
     pub config: CoreConfig,

@@ -28,7 +28,7 @@ impl Scenario {
             let index = self.watch.ledger_seen;
             self.watch.ledger_seen += 1;
             // What it counts from shows where the axis is known to stand.
-            let stood = self.surely_stood();
+            let stood = self.surely_stood() && !self.issued.iter().any(Issued::is_open_move);
             self.drive.ledger[index].known &= stood || !latch.relative || latch.behind;
             let name = latch.out.velocity.wrapping_sub(self.program.speed);
             self.say(|scenario| {
