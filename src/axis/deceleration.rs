@@ -7,15 +7,15 @@ use crate::{
     timer::{Elapsed, nanoseconds},
 };
 
-/// How long each speed is measured for at least: long against the jitter of a cycle, short against the way to a person.
+/// How long each speed is measured for at least. It is long against the jitter of a cycle, and short against the way to a person.
 const SPAN: Duration = Duration::from_millis(100);
 
-/// And until way and time have come to this, in counts times nanoseconds: then what a ramp of 40 s takes from the way of the next span is two
-/// counts, more than what is lost by counting in whole ones.
+/// And until way and time have come to this, in counts times nanoseconds. Then a ramp of 40 s takes two counts from the way of the next span.
+/// That is more than what is lost by counting in whole ones.
 const MEASURED: u128 = 80 * 1_000_000_000;
 
-/// From one span to the next an axis on a ramp loses more than this part of its speed, one in so many: on a linear ramp of up to
-/// 400 s, and on a smooth one (sin²), which begins with next to nothing, of up to 14 s.
+/// From one span to the next an axis on a ramp loses more than this part of its speed, one in so many. That holds for a linear ramp of up
+/// to 400 s. A smooth one (sin²) begins with next to nothing: it holds up to 14 s.
 const LEAST_PART: u128 = 4_000;
 
 /// The speed of a halted axis, by its positions, from when its drive has surely seen bit 8.

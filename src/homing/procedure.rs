@@ -300,7 +300,7 @@ impl Left {
 
 /// How far the drive is with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-enum Progress {
+enum HomingProgress {
     None,
     /// What an earlier homing has left fell for one word, which may be wrong.
     Perhaps,
@@ -324,7 +324,7 @@ struct Run {
     error: Left,
     /// The bits said "in progress" before bit 4 rose, as they do of some drives at rest.
     idles_in_progress: bool,
-    progress: Progress,
+    progress: HomingProgress,
     /// Where the axis was before bit 4 rose; none once it has left that place.
     place: Option<i32>,
     /// Since the drive has shown an error, or has not been at work any more, or the axis is halted: until it has to be at rest.
@@ -357,7 +357,7 @@ impl Run {
             attained: Left::by(evidence.acknowledge),
             error: Left::by(evidence.error),
             idles_in_progress,
-            progress: Progress::None,
+            progress: HomingProgress::None,
             place: Some(evidence.position),
             rest: None,
             done: Lasting::NOT,
@@ -367,16 +367,19 @@ impl Run {
     }
 
     fn has_begun(&self) -> bool {
-        self.progress != Progress::None
+        self.progress != HomingProgress::None
     }
 
     const fn has_surely_begun(&self) -> bool {
-        matches!(self.progress, Progress::Begun | Progress::Worked)
+        matches!(
+            self.progress,
+            HomingProgress::Begun | HomingProgress::Worked
+        )
     }
 
     fn begin(&mut self) {
         if !self.has_surely_begun() {
-            self.progress = Progress::Begun;
+            self.progress = HomingProgress::Begun;
         }
     }
 
@@ -457,7 +460,7 @@ impl Run {
         let has_fallen = !self.idles_in_progress && self.attained == Left::Fallen;
         if !self.idles_in_progress && is_in_progress(evidence) {
             // "In progress" is news, and this one's doing.
-            self.progress = Progress::Worked;
+            self.progress = HomingProgress::Worked;
         } else if rose
             || (self.idles_in_progress && seen && self.place.is_none())
             || (has_fallen && evidence.acknowledge.is_low())
@@ -466,7 +469,7 @@ impl Run {
             // fallen.
             self.begin();
         } else if has_fallen && !self.has_begun() {
-            self.progress = Progress::Perhaps;
+            self.progress = HomingProgress::Perhaps;
         }
     }
 
@@ -497,8 +500,8 @@ impl Run {
         let stands = evidence.stands();
         let rested = self.rested.update(mine && stands, rules.begin, elapsed);
         let worked = match self.progress {
-            Progress::Worked => true,
-            Progress::Begun if self.idles_in_progress && self.attained == Left::Low => true,
+            HomingProgress::Worked => true,
+            HomingProgress::Begun if self.idles_in_progress && self.attained == Left::Low => true,
             _ if motionless => self.attained == Left::Low || (proven && self.reads_home(cycle)),
             _ => {
                 let left = self.place.is_none() || self.reads_home(cycle);

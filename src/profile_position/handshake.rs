@@ -124,7 +124,7 @@ impl Full {
 }
 
 /// What a cycle has brought.
-pub(super) enum Answer {
+pub(super) enum HandshakeStep {
     None,
     Acknowledged(Sent),
     /// With the failure of its move.
@@ -208,22 +208,22 @@ impl Handshake {
     }
 
     /// One cycle with inputs.
-    pub fn step(&mut self, cycle: &Cycle<'_>) -> Answer {
+    pub fn step(&mut self, cycle: &Cycle<'_>) -> HandshakeStep {
         match self {
             Self::Low(low) => {
                 low.step(cycle);
-                Answer::None
+                HandshakeStep::None
             }
             Self::High(raised) => {
                 let (sent, answer) = (raised.sent, raised.step(cycle));
                 match answer {
-                    Some(Ok(true)) => self.lower(Answer::Acknowledged(sent)),
+                    Some(Ok(true)) => self.lower(HandshakeStep::Acknowledged(sent)),
                     Some(Ok(false)) => {
                         *self = Self::Overwriting(Low::new(), sent);
-                        Answer::None
+                        HandshakeStep::None
                     }
-                    Some(Err(failure)) => self.lower(Answer::GivenUp(sent, failure)),
-                    None => Answer::None,
+                    Some(Err(failure)) => self.lower(HandshakeStep::GivenUp(sent, failure)),
+                    None => HandshakeStep::None,
                 }
             }
             Self::Overwriting(low, sent) => {
@@ -233,20 +233,20 @@ impl Handshake {
                 if low.is_answered(cycle) {
                     // Its low is seen already.
                     *self = Self::Low(*low);
-                    Answer::Acknowledged(sent)
+                    HandshakeStep::Acknowledged(sent)
                 } else if sent.answer.is_over() {
                     let low = *low;
                     *self = Self::Low(low);
-                    Answer::GivenUp(sent, unacknowledged(cycle))
+                    HandshakeStep::GivenUp(sent, unacknowledged(cycle))
                 } else {
-                    Answer::None
+                    HandshakeStep::None
                 }
             }
-            Self::Abandoned => Answer::None,
+            Self::Abandoned => HandshakeStep::None,
         }
     }
 
-    const fn lower(&mut self, answer: Answer) -> Answer {
+    const fn lower(&mut self, answer: HandshakeStep) -> HandshakeStep {
         *self = Self::LOW;
         answer
     }

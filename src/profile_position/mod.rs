@@ -31,7 +31,7 @@ pub use failure::{
     WaitingFor, WorkingCounter,
 };
 pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
-use observer::{Entry, Known, Observer, OnItsWay};
+use observer::{Behind, HeldSetPoint, Known, Observer, OnItsWay};
 pub(crate) use sequencer::Sequencer;
 pub use set_point::{BufferMode, MoveCommand, Parameters, Reference, SetPoint};
 pub(crate) use standstill::{LastSeen, Standstill};

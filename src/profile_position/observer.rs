@@ -18,7 +18,7 @@ const HELD: usize = 2;
 /// The set-points that the drive has acknowledged and that it may hold.
 #[derive(Debug, Clone, Hash)]
 pub(crate) struct Observer {
-    entries: [Option<Entry>; HELD],
+    entries: [Option<HeldSetPoint>; HELD],
     worlds: Worlds,
     /// Where the axis stands, or stood before it set off.
     place: Option<i32>,
@@ -34,7 +34,7 @@ pub(crate) struct Observer {
 
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy, Hash)]
-pub(crate) struct Entry {
+pub(crate) struct HeldSetPoint {
     pub id: CommandId,
     pub start: BufferMode,
     /// It ends at an end velocity, and the axis goes on.
@@ -44,8 +44,7 @@ pub(crate) struct Entry {
     pub turns: bool,
     /// Whether the way shows that the one before it is over (A2).
     pub shown_by_way: bool,
-    /// Whether its ends count from those of the one before it.
-    pub counts_on: bool,
+    pub behind: Behind,
     sighting: Sighting,
     report: Report,
     /// Until what is shown is surely of after its acknowledge; and of after its beginning, since that is sure.
@@ -53,6 +52,16 @@ pub(crate) struct Entry {
     begun: Timer,
     /// Until it has begun, if it ever does (S3).
     begin: Timer,
+}
+
+/// What the drive held when it took this one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Behind {
+    Nothing,
+    /// Another, and this one leads to a position.
+    Position,
+    /// Another, and this one leads away from its end.
+    Distance,
 }
 
 /// Whether the axis was seen at an end.
@@ -197,7 +206,7 @@ impl Observer {
     }
 
     /// The one that was taken last.
-    pub fn last(&self) -> Option<&Entry> {
+    pub fn last(&self) -> Option<&HeldSetPoint> {
         self.entries.iter().flatten().last()
     }
 
@@ -214,7 +223,7 @@ impl Observer {
     /// The drive has acknowledged this one. With `Aborting` it is the only one from now on (S2). `place`: where the axis stood before.
     pub fn push(
         &mut self,
-        entry: Entry,
+        entry: HeldSetPoint,
         place: Option<i32>,
         rules: &Rules<'_>,
         events: &mut Events,
@@ -421,8 +430,9 @@ impl Observer {
             }
             let at_end = entry.ends.contain(position, bounds);
             let waits = self.worlds.has(Worlds::WAITING.and(own));
-            // Until it has begun bit 10 may be high.
-            let elsewhere = !cycle.halted && !waits && evidence.reached.shows_high() && !at_end;
+            // Until the first has begun bit 10 may be high.
+            let is_fresh = waits && entry.behind == Behind::Nothing;
+            let elsewhere = !cycle.halted && !is_fresh && evidence.reached.shows_high() && !at_end;
             let doubtful = (has_follower && elsewhere) || (follower.is_some() && evidence.blind);
             let passes = follower != Some(BufferMode::Buffered);
             let met = at_end || (passes && entry.ends.are_met(before, position, bounds));
@@ -455,7 +465,7 @@ impl Observer {
         {
             self.report(0, first.passed_into(second.start, cycle), events);
             let mut second = second;
-            if second.counts_on && !first.was_met() {
+            if second.behind == Behind::Distance && !first.was_met() {
                 second.ends = Ends::ANYWHERE;
             }
             if known.room.is_some() {
@@ -478,7 +488,7 @@ impl Observer {
     /// How the only one that is held has ended.
     fn judge_last(
         &mut self,
-        entry: &Entry,
+        entry: &HeldSetPoint,
         cycle: &Cycle<'_>,
         known: Known,
         events: &mut Events,
@@ -545,7 +555,7 @@ impl Observer {
         } else {
             // At no end an input of the drive holds it, and may let it go on at any time.
             let (position, bounds) = (cycle.evidence.position, cycle.rules.bounds);
-            let at_end = |entry: &Entry| {
+            let at_end = |entry: &HeldSetPoint| {
                 entry.report != Report::Outcome
                     && entry.ends.are_known(bounds)
                     && entry.ends.contain(position, bounds)
@@ -628,6 +638,10 @@ impl Observer {
         for entry in self.entries.iter_mut().flatten() {
             entry.shown_by_way = false;
             entry.turns = true;
+            if entry.behind == Behind::Nothing {
+                // It may have been under way.
+                entry.behind = Behind::Position;
+            }
             if entry.report == Report::Halted {
                 entry.report = Report::Nothing;
             }
@@ -658,7 +672,7 @@ impl Observer {
     }
 }
 
-impl Entry {
+impl HeldSetPoint {
     /// What the drive has acknowledged.
     pub const fn new(
         id: CommandId,
@@ -674,7 +688,7 @@ impl Entry {
             ends,
             turns: false,
             shown_by_way: false,
-            counts_on: false,
+            behind: Behind::Nothing,
             sighting: Sighting::None,
             report: Report::Nothing,
             seen: rules.seen(),

@@ -10,10 +10,10 @@ use crate::{
 };
 
 use super::{
-    Bit, BufferMode, BufferSignal, CommandId, Cycle, Delivery, Ends, Entry, Event, Events, Failure,
-    Known, MoveCommand, Observer, OnItsWay, Parameters, Reference, RelativeBase, Rules, StartBits,
-    Traits, Unsupported, WaitingFor,
-    handshake::{Answer, Handshake, Raised, Sent, Stage},
+    Behind, Bit, BufferMode, BufferSignal, CommandId, Cycle, Delivery, Ends, Event, Events,
+    Failure, HeldSetPoint, Known, MoveCommand, Observer, OnItsWay, Parameters, Reference,
+    RelativeBase, Rules, StartBits, Traits, Unsupported, WaitingFor,
+    handshake::{Handshake, HandshakeStep, Raised, Sent, Stage},
     pending::{PendingMoves, Request},
 };
 
@@ -226,9 +226,9 @@ impl Sequencer {
             self.fall_of_bit_4();
         }
         match answer {
-            Answer::None => {}
-            Answer::Acknowledged(sent) => self.accept(&sent, cycle, events),
-            Answer::GivenUp(sent, failure) => {
+            HandshakeStep::None => {}
+            HandshakeStep::Acknowledged(sent) => self.accept(&sent, cycle, events),
+            HandshakeStep::GivenUp(sent, failure) => {
                 events.push(sent.request.id, Event::Done(Err(failure)));
                 self.doubt(events);
             }
@@ -324,9 +324,13 @@ impl Sequencer {
             ..
         } = *sent;
         let start = command.set_point.buffer_mode;
-        let mut entry = Entry::new(id, start, runs_on(&command), ends, &cycle.rules);
+        let mut entry = HeldSetPoint::new(id, start, runs_on(&command), ends, &cycle.rules);
         entry.turns = sent.turns;
-        entry.counts_on = command.reference == Reference::Relative;
+        entry.behind = match command.reference {
+            _ if self.observer.count() == 0 || start == BufferMode::Aborting => Behind::Nothing,
+            Reference::Absolute => Behind::Position,
+            Reference::Relative => Behind::Distance,
+        };
         entry.shown_by_way = sent.shown_by_way;
         let (position, bounds) = (cycle.evidence.position, cycle.rules.bounds);
         if self.observer.count() == 0 && ends.are_known(bounds) && ends.contain(position, bounds) {
