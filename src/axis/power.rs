@@ -60,6 +60,7 @@ pub(super) enum Reset {
 }
 
 /// What comes of a cycle.
+#[derive(Clone, Copy)]
 pub(super) enum PowerStep {
     Nothing,
     /// A command has ended.

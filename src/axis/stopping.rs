@@ -118,6 +118,7 @@ pub(super) struct Stopping {
 }
 
 /// What a cycle of a stop comes to.
+#[derive(Clone, Copy)]
 pub(super) enum StopStep {
     Nothing,
     /// The axis stands halted.

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::timer::{Due, Elapsed, Timer, nanoseconds};
+use crate::timer::{Due, Elapsed, Timer};
 
 use super::{Bounds, Unrest};
 

@@ -590,7 +590,7 @@ fn parameters_go_out_as_given_or_as_the_drive_held_them_where_they_are_mapped() 
         ),
     ] {
         let missing = Err(Failure::Parameter {
-            name: name,
+            name,
             fault: ParameterFault::NotMapped,
         });
         assert_eq!(FIELDS.complete(&one, &held), missing);
@@ -624,14 +624,14 @@ fn parameters_go_out_as_given_or_as_the_drive_held_them_where_they_are_mapped() 
         assert_eq!(
             MAPPED.complete(&zero, &held),
             Err(Failure::Parameter {
-                name: name,
+                name,
                 fault: ParameterFault::Zero,
             })
         );
         assert_eq!(
             MAPPED.complete(&none, &zero),
             Err(Failure::Parameter {
-                name: name,
+                name,
                 fault: ParameterFault::Zero,
             })
         );
