@@ -9,7 +9,7 @@ use crate::{
     profile_velocity::JogSetPoint,
 };
 
-/// A command to an axis. Each gives exactly one last event ([`Event::Done`]).
+/// A command to an axis. Each gives exactly one last event ([`Event::Done`](super::Event::Done)).
 ///
 /// ```
 /// use core::time::Duration;
@@ -35,7 +35,7 @@ pub enum Command {
     PrepareMode(Mode),
     /// A homing in homing mode, with the parameters that the drive holds.
     Home(HomingCommand),
-    /// A velocity in Profile Velocity mode, until [`AxisCore::release_jog`](AxisCore::release_jog) or a stop.
+    /// A velocity in Profile Velocity mode, until [`AxisCore::release_jog`](super::AxisCore::release_jog) or a stop.
     Jog(JogSetPoint),
     /// A move in Profile Position mode. An end velocity 6082h that is not in the process data counts as written already.
     Move(MoveCommand),

@@ -8,8 +8,8 @@ use alloc::boxed::Box;
 use core::time::Duration;
 
 use crate::{
-    ds402::{Controlword, Mode, State},
-    profile_position::{Bounds, CommandId, Event, Failure, Sequencer},
+    ds402::{Controlword, Mode},
+    profile_position::{Bounds, CommandId, Event, Failure},
     timer::{Elapsed, nanoseconds},
 };
 
@@ -85,7 +85,8 @@ impl Known {
         Elapsed(now.saturating_sub(stepped))
     }
 
-    fn follow(&self, sequencer: &mut Sequencer) {
+    #[cfg(feature = "std")]
+    fn follow(&self, sequencer: &mut crate::profile_position::Sequencer) {
         if let Some(sample) = self.observed.sample {
             sequencer.follow_position(sample.position);
         }
@@ -415,11 +416,13 @@ impl AxisCore {
         !self.known.observed.link.lost || self.known.observed.link.answered
     }
 
-    pub(crate) fn state(&self) -> State {
+    #[cfg(feature = "std")]
+    pub(crate) fn state(&self) -> crate::ds402::State {
         self.known.observed.state()
     }
 
     /// What 603Fh shows, where it is mapped and not 0.
+    #[cfg(feature = "std")]
     pub(crate) fn error_code(&self) -> Option<u16> {
         self.known
             .observed

@@ -87,6 +87,7 @@ impl Modes {
 
     /// The machines begin again; what was written by SDO, or taken back, is in the drive still. `is_anew`: a drive that was without power
     /// comes to nothing that was taken back.
+    #[cfg(feature = "std")]
     pub fn restart(&mut self, config: &CoreConfig, is_anew: bool) {
         *self = Self {
             active: self.active,
@@ -98,6 +99,7 @@ impl Modes {
     }
 
     /// The drive's settings are read, before anything moves.
+    #[cfg(feature = "std")]
     pub fn know(&mut self, config: &CoreConfig) {
         self.sequencer = Sequencer::new(config.defaults);
         self.reference = match self.reference {
@@ -122,6 +124,7 @@ impl Modes {
     }
 
     /// The drive has kept its power.
+    #[cfg(feature = "std")]
     pub fn recall_reference(&mut self) {
         if self.reference == Reference::BeforeLoss {
             self.reference = Reference::Homed;
@@ -129,6 +132,7 @@ impl Modes {
     }
 
     /// The drive was without power.
+    #[cfg(feature = "std")]
     pub const fn forget_reference(&mut self) {
         self.reference = Reference::None;
     }

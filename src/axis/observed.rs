@@ -313,6 +313,7 @@ impl Link {
     }
 
     /// Its drive is in SAFEOP and on its way into OP, or has come there.
+    #[cfg(feature = "std")]
     pub const fn await_op(&mut self, awaits_op: bool) {
         self.awaits_op = awaits_op;
         if self.undelivered > 0 {

@@ -135,6 +135,7 @@ impl Outputs {
     }
 
     /// Nothing was sent of a drive that begins again.
+    #[cfg(feature = "std")]
     pub const fn restart(&mut self) {
         self.sent = Outgoing::NONE;
         self.manufacturer = ManufacturerBits::NONE;

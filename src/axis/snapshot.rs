@@ -74,7 +74,7 @@ pub struct Snapshot<U: AxisUnit = Counts> {
     pub halted: bool,
     /// Whether the axis has a set-point, or may have one.
     pub has_set_point: bool,
-    /// Whether the axis knows where it is: by [`Referencing`].
+    /// Whether the axis knows where it is: by [`Referencing`](super::Referencing).
     pub referenced: bool,
 }
 
@@ -102,10 +102,6 @@ impl Snapshot {
 
 /// What is new since the axis' port looked last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(
-    not(feature = "std"),
-    expect(dead_code, reason = "only a port asks for changes")
-)]
 pub(crate) enum SnapshotChange {
     /// The cycle's number alone.
     Nothing,

@@ -292,7 +292,7 @@ impl<U: AxisUnit> Axis<U> {
     /// Selects Profile Position and leases it. The lease ends by [`ProfilePosition::release`] or by dropping it.
     ///
     /// # Errors
-    /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`](crate::axis::Failure::ModeNotSupported)
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Unsupported::Mode`](crate::profile_position::Unsupported::Mode)
     /// where 6502h does not name it. Otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode,
     /// the axis was stopped meanwhile, or the bus is lost. A jog that an earlier lease has left is let go in any case.
     pub async fn profile_position(&self) -> Result<ProfilePosition<U>, AxisError> {
@@ -307,7 +307,7 @@ impl<U: AxisUnit> Axis<U> {
     /// not get slower at bit 8, and where 605Dh is 0.
     ///
     /// # Errors
-    /// [`HaltCoasts`](crate::axis::Failure::HaltCoasts) where 605Dh is 0: nothing was sent, and the axis moves on. Call [`stop`](Self::stop).
+    /// [`Unsupported::Halt`](crate::profile_position::Unsupported::Halt) where 605Dh is 0: nothing was sent, and the axis moves on. Call [`stop`](Self::stop).
     /// [`HaltIgnored`](crate::axis::Failure::HaltIgnored) when the axis does not get slower: bit 8 stays set, and the axis still moves. Call
     /// `stop` or [`quick_stop`](Self::quick_stop). That shows after 0.2 s at 8000 counts/s and more, and later for a slower axis (1.9 s at
     /// 200 counts/s), at the latest when the deadline for standstill passes. Also in Fault, when a deadline passes, or the bus is lost.
@@ -325,7 +325,7 @@ impl<U: AxisUnit> Axis<U> {
     /// [`Failure::Halted`](crate::axis::Failure::Halted) or [`Failure::QuickStopped`](crate::axis::Failure::QuickStopped) where a stop has come
     /// before that frame: bit 8 has not fallen.
     /// [`Failure::Disabled`](crate::axis::Failure::Disabled) where the axis is disabled before it.
-    /// [`Failure::ResumeUnsupported`](crate::axis::Failure::ResumeUnsupported) if the drive has forgotten its set-point; in
+    /// [`Unsupported::Resume`](crate::profile_position::Unsupported::Resume) if the drive has forgotten its set-point; in
     /// Fault, while not enabled, while moving, or when the bus is lost.
     pub async fn resume(&self) -> Result<(), AxisError> {
         self.run(Command::Resume).await?;

@@ -73,7 +73,7 @@ impl<U: AxisUnit> Axis<U> {
     /// Selects homing (mode 6) and leases it. The lease ends by [`Homing::release`] or by dropping it.
     ///
     /// # Errors
-    /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`] where 6502h does not name it.
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Unsupported::Mode`](crate::profile_position::Unsupported::Mode) where 6502h does not name it.
     /// Otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode, the axis was stopped
     /// meanwhile, or the bus is lost. A jog that an earlier lease has left is let go in any case.
     pub async fn homing(&self) -> Result<Homing<U>, AxisError> {
@@ -109,7 +109,7 @@ impl<U: AxisUnit> Homing<U> {
     /// - [`Failure::Timeout`] when the drive does not show that it has begun: then whether it has is unknown, and
     ///   [`Axis::stop`] comes before the next try; or when it does not end within the time that it was given, by which it is stopped;
     /// - [`AxisErrorKind::Scale`] for a number that cannot be converted into counts: nothing was written then;
-    /// - [`Failure::Zero`] for a speed or acceleration of 0;
+    /// - [`Failure::Parameter`] for a speed or acceleration of 0;
     /// - [`AxisErrorKind::Late`] where only the wait has ended: by [`Home::within`] after [`Home::keep_homing`];
     /// - what refuses every motion: not enabled, halted, another homing under way.
     pub fn home(&self, parameters: impl Into<HomingParameters<U>>) -> Home<'_, U> {

@@ -166,7 +166,7 @@ impl<U: AxisUnit> Jog<U> {
     ///
     /// # Errors
     /// With the reason for which the jog has ended: halted, stopped, disabled, a fault, the bus lost. What was asked for then
-    /// is not followed. [`Failure::TooFast`] above max profile velocity 607Fh, and [`AxisErrorKind::Scale`] for a number that cannot be
+    /// is not followed. [`Failure::BeyondLimit`] above max profile velocity 607Fh, and [`AxisErrorKind::Scale`] for a number that cannot be
     /// converted into counts: the jog goes on as it was. [`AxisErrorKind::ModeInUse`] once its lease was given back and the axis was
     /// leased again: the jog was let go then. A number that is less than the drive's smallest
     /// ([`ScaleError::RoundsToZero`]) holds it at 0, so that a jog that gets slower and slower comes to a stand.
