@@ -62,7 +62,8 @@ impl Scenario {
             return Ok(());
         };
         // The 0 of a jog is on its way.
-        let jog_ends = drive.mode == 3 && self.sent.target_velocity == 0;
+        let next = self.host.outputs().target_velocity;
+        let jog_ends = drive.mode == 3 && (self.sent.target_velocity == 0 || next == 0);
         let snapshot = self.host.snapshot();
         let drives = snapshot.controlword.bits() & 0x8F == 0x0F && self.sent.is_enable_operation();
         let obeys = drive.out.word & 0x0F == 0x0F;
@@ -291,7 +292,9 @@ impl Scenario {
         // Nor one to which it comes while the move before may still settle.
         let is_short = |at: u64| {
             let began = latch.began.unwrap_or(at);
-            index > 0 && ledger[index - 1].end.is_some() && at - began <= self.watch.settle as u64
+            index > 0
+                && ledger[index - 1].end.is_some()
+                && at - began <= self.watch.settle as u64 + self.watch.answer
         };
         let short = latch.way <= 3.0 * self.watch.window.max(self.in_a_tick(latch));
         if latch.relative
