@@ -475,6 +475,8 @@ impl Observer {
                     .longer(cycle.rules.timer(cycle.rules.bounds.settle));
             }
             self.entries = [Some(second), None];
+            // The first has led the axis away from there.
+            self.place = None;
             self.worlds = Worlds(self.worlds.0 >> 4);
             self.restart_times(&cycle.rules);
         }
