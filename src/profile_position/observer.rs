@@ -366,8 +366,11 @@ impl Observer {
         rule(low, Worlds::DONE.or(Worlds::RUNS_ON));
         // S4: with bit 10 high none is under way at rest, but for one that is sure to be the active one: it settles.
         rule(high && stands && !full, Worlds::RUNNING);
-        // A1: an axis that leaves its rest is led by one that has begun.
-        rule(self.has_left(evidence, rules), Worlds::WAITING);
+        // A1: an axis that leaves its rest is led by the first, which has begun.
+        rule(
+            self.has_left(evidence, rules),
+            Worlds::WAITING.and(Worlds::FIRST),
+        );
         // A2.
         rule(self.beyond.has_lasted(), Worlds::FIRST);
         for (place, entry) in self.entries.iter().enumerate() {
