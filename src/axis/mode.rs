@@ -56,10 +56,8 @@ struct ModeChange {
 enum ModeStep {
     /// Until the axis stands and the drive has surely seen the bits of the last mode low and its target velocity 0.
     Quiet { by_sdo: bool },
-    /// 6060h is in the outputs, or was written by SDO.
+    /// 6060h is in the outputs, or was written by SDO: 6061h is awaited.
     Written,
-    /// 6061h is awaited.
-    Sent,
 }
 
 /// What a machine of a mode asks for.
@@ -187,11 +185,6 @@ impl Modes {
     pub fn mark_sent(&mut self, events: &mut Events) {
         self.sequencer.mark_sent();
         self.jogging.mark_sent(events);
-        if let Some(change) = &mut self.change
-            && change.step == ModeStep::Written
-        {
-            change.step = ModeStep::Sent;
-        }
         if self.homing.mark_sent() {
             // From now on the drive's positions are between two meanings.
             self.reference = Reference::None;
@@ -212,7 +205,7 @@ impl Modes {
         self.jogging.end(failure, events);
         if let Some(change) = self
             .change
-            .take_if(|change| matches!(change.step, ModeStep::Quiet { .. }))
+            .take_if(|change| change.step != ModeStep::Written)
         {
             events.push(change.id, Event::Done(Err(failure)));
         }
@@ -332,12 +325,11 @@ impl Modes {
         };
         change.left.pass(step.elapsed);
         let change = *change;
-        let is_quiet = matches!(change.step, ModeStep::Quiet { .. });
-        if !is_quiet && step.mode == change.to {
+        if change.step == ModeStep::Written && step.mode == change.to {
             (self.change, self.by_sdo) = (None, None);
             events.push(change.id, Event::Done(Ok(Completion::Done)));
         } else if change.left.is_over() {
-            let moves = is_quiet && !step.stands();
+            let moves = matches!(change.step, ModeStep::Quiet { .. }) && !step.stands();
             let failure = if moves {
                 Failure::Moving
             } else {
@@ -353,8 +345,8 @@ impl Modes {
             return;
         };
         self.active = change.before;
-        let was_sent = change.step == ModeStep::Sent && config.fields.mode.is_some();
-        if was_sent && change.to != change.before {
+        let is_in_outputs = change.step == ModeStep::Written && config.fields.mode.is_some();
+        if is_in_outputs && change.to != change.before {
             self.hold = Timer::new(config.deadlines.mode);
         }
         events.push(change.id, Event::Done(Err(failure)));

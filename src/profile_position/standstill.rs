@@ -165,15 +165,14 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_were_lost_for_long_take_the_time_before() {
-        let lost = |millis| {
+    fn samples_that_are_missing_for_long_take_the_time_before() {
+        let stands = |blind| {
             let mut standstill = Standstill::default();
             after(&mut standstill, [0; 99]);
-            standstill.update(0, Elapsed(millis * MS), true, &bounds());
+            standstill.update(0, Elapsed(37 * MS), blind, &bounds());
             standstill.is_standing()
         };
-        assert!(lost(37));
-        assert!(!lost(38));
+        assert!(stands(false) && !stands(true));
     }
 
     #[test]
