@@ -76,11 +76,7 @@ fn within_the_model_no_outcome_is_wrong() {
             assert!(seen.contains(&end), "no scenario saw {end}: {seen:?}");
         }
     }
-    let (idle, moving) = found.tally.idle;
-    assert!(
-        idle > found.tally.cycles / 20 && moving > found.tally.cycles / 100,
-        "{found}"
-    );
+    assert!(found.tally.idle.0 > found.tally.cycles / 20, "{found}");
 }
 
 #[test]
