@@ -42,16 +42,28 @@ impl<T> core::hash::Hash for Aside<T> {
     fn hash<H: core::hash::Hasher>(&self, _: &mut H) {}
 }
 
-/// When the cycles with inputs came.
+/// When the cycles with inputs came. Those that were left out since the last one that was noted had inputs, too.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct CycleTiming {
     at: u64,
     number: u64,
     /// From one to the next.
     spacing: u64,
+    /// When the last one before those without inputs came.
+    answered: u64,
 }
 
 impl CycleTiming {
+    /// The first cycle without inputs.
+    const fn begin_to_miss(&mut self, now: u64, number: u64) {
+        let is_next = number.wrapping_sub(self.number) == 1;
+        self.answered = if is_next {
+            self.at
+        } else {
+            now.saturating_sub(self.spacing)
+        };
+    }
+
     /// A cycle with inputs: how long after the last one it came, and whether the host has stood still meanwhile.
     const fn note(&mut self, now: u64, number: u64) -> (Elapsed, bool) {
         let elapsed = now.saturating_sub(self.at);
@@ -154,11 +166,22 @@ impl Observed {
         let was_stale = self.link.stale;
         let was_whole = was_stale == 0 && self.link.delivered;
         let lost = self.link.note(sample.is_some(), delivered, &config.loss);
+        let at = nanoseconds(now);
         let Some(sample) = sample else {
+            if was_stale == 0 {
+                self.timing.0.begin_to_miss(at, number);
+            }
             return lost.unwrap_or(News::None);
         };
-        let (elapsed, stalled) = self.timing.0.note(nanoseconds(now), number);
-        let blind = (was_stale > 0 || stalled) && elapsed.0 > nanoseconds(bounds.settle) / 8 * 3;
+        let (elapsed, stalled) = self.timing.0.note(at, number);
+        let missing = if was_stale > 0 {
+            at.saturating_sub(self.timing.0.answered)
+        } else if stalled {
+            elapsed.0
+        } else {
+            0
+        };
+        let blind = missing > nanoseconds(bounds.settle) / 8 * 3;
         let before = self.sample.replace(sample);
         self.before = before.map_or(sample.position, |before| before.position);
         let rest = self
