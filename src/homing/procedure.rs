@@ -194,15 +194,9 @@ impl Procedure {
                 // The drive has surely seen bit 4 low in this mode, and shows the bits of this mode.
                 let is_seen = seen.is_some_and(Timer::is_over);
                 // D1: what an earlier homing has left is known.
-                let Evidence {
-                    reached,
-                    acknowledge,
-                    error,
-                    ..
-                } = cycle.evidence;
-                let is_steady = [reached, acknowledge, error]
-                    .iter()
-                    .all(|bit| bit.is_high() || bit.is_low());
+                let evidence = &cycle.evidence;
+                let bits = [evidence.reached, evidence.acknowledge, evidence.error];
+                let is_steady = bits.into_iter().all(Bit::is_sure);
                 if let Some((id, command)) = *waiting {
                     if command.is_late(cycle.now) {
                         let failure = cycle.timeout(WaitingFor::HomingEnd, Delivery::NotSent);

@@ -33,6 +33,12 @@ impl Bit {
         matches!(self, Self::Low)
     }
 
+    /// As two words show it.
+    #[inline]
+    pub const fn is_sure(self) -> bool {
+        self.is_high() || self.is_low()
+    }
+
     /// High in this word.
     #[inline]
     pub const fn shows_high(self) -> bool {

@@ -4,8 +4,6 @@
 
 mod bounds;
 mod circle;
-#[cfg(test)]
-mod dialogues;
 mod ends;
 mod events;
 mod evidence;
@@ -17,6 +15,8 @@ mod pending;
 mod sequencer;
 mod set_point;
 mod standstill;
+#[cfg(test)]
+mod tests;
 mod traits;
 
 pub(crate) use bounds::Bounds;

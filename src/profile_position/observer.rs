@@ -306,8 +306,9 @@ impl Observer {
             first.begin.pass(cycle.elapsed);
         }
         let (reached, settle) = (evidence.reached, rules.bounds.settle);
-        let half_way = self.is_half_way(evidence, rules);
-        let rests = evidence.stands() && (reached.is_high() || reached.is_low());
+        let bounds = rules.bounds;
+        let half_way = bounds.turn.is_none() && self.is_half_way(evidence, bounds) == Some(true);
+        let rests = evidence.stands() && reached.is_sure();
         self.rest.update(rests, rules.begin, cycle.elapsed);
         self.high.update(reached.is_high(), settle, cycle.elapsed);
         self.beyond.update(half_way, settle, cycle.elapsed);
@@ -330,16 +331,17 @@ impl Observer {
             .is_some_and(|place| !rules.bounds.is_within_window(place, position))
     }
 
-    /// Whether the axis was at the first end and has covered half of the way to the second, where that shows that the first is over (A2).
-    fn is_half_way(&self, evidence: &Evidence, rules: &Rules<'_>) -> bool {
+    /// Whether the axis, which was at the first end, has covered half of the way to the second (A2). None where that shows nothing.
+    fn is_half_way(&self, evidence: &Evidence, bounds: &Bounds) -> Option<bool> {
         let [Some(first), Some(second)] = &self.entries else {
-            return false;
+            return None;
         };
-        let (position, bounds) = (evidence.position, rules.bounds);
-        second.shown_by_way
-            && rules.bounds.turn.is_none()
-            && matches!(first.sighting, Sighting::At(_))
-            && first.ends.half_way_to(&second.ends, position, bounds) == Some(true)
+        if !(second.shown_by_way && first.was_met()) {
+            return None;
+        }
+        first
+            .ends
+            .half_way_to(&second.ends, evidence.position, bounds)
     }
 
     /// The states that the evidence excludes: the rules of the fault model.
@@ -402,13 +404,7 @@ impl Observer {
         let (before, position) = (evidence.before, evidence.position);
         let count = self.count();
         let next = self.entries[1].map(|second| second.start);
-        let crossed_first = self.entries[0].is_some_and(|first| {
-            matches!(first.sighting, Sighting::At(_))
-                && self.entries[1].is_some_and(|second| {
-                    let way = first.ends.half_way_to(&second.ends, position, bounds);
-                    second.shown_by_way && way.is_some()
-                })
-        });
+        let crossed_first = self.is_half_way(evidence, bounds).is_some();
         for (place, entry) in self.entries.iter_mut().enumerate() {
             let Some(entry) = entry else { continue };
             let own = Worlds::of_entry(place);

@@ -19,7 +19,7 @@ const SECOND: CommandId = CommandId(2);
 const THIRD: CommandId = CommandId(3);
 
 /// A drive with a cycle of 1 ms whose axis stands at 0, with a window of 10 and a settle time of 100 ms.
-struct Dialogue {
+struct SetPointDialogue {
     sequencer: Sequencer,
     eyes: Eyes,
     events: Events,
@@ -28,7 +28,7 @@ struct Dialogue {
     halted: bool,
 }
 
-impl Dialogue {
+impl SetPointDialogue {
     fn with(signal: BufferSignal) -> Self {
         let mut eyes = Eyes::new();
         eyes.traits.buffer_signal = signal;
@@ -145,7 +145,7 @@ const fn reached(position: i32) -> Result<Completion, Failure> {
 
 #[test]
 fn a_move_is_acknowledged_and_then_reached() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     assert_eq!(drive.reports(), [(FIRST, Event::Accepted)]);
     drive.goes(1000, 50, 0).shows(0);
@@ -157,7 +157,7 @@ fn a_move_is_acknowledged_and_then_reached() {
 
 #[test]
 fn the_level_of_bit_12_acknowledges_nothing() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting);
     drive.shows_for(100, REACHED | ACKNOWLEDGE);
     assert!(!drive.bit_4() && drive.reports().is_empty());
@@ -183,7 +183,7 @@ fn the_level_of_bit_12_acknowledges_nothing() {
 
 #[test]
 fn a_move_that_is_not_acknowledged_needs_a_stop() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting);
     drive.shows_for(600, REACHED);
     assert_eq!(drive.doubt(), Doubt::Unacknowledged);
@@ -197,7 +197,7 @@ fn a_move_that_is_not_acknowledged_needs_a_stop() {
 
 #[test]
 fn a_move_that_does_not_begin_needs_a_stop() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive
         .asks_abs(FIRST, 1000, BufferMode::Aborting)
         .takes(REACHED);
@@ -210,7 +210,7 @@ fn a_move_that_does_not_begin_needs_a_stop() {
 
 #[test]
 fn a_move_whose_end_the_drive_does_not_show_needs_a_stop() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.goes(1000, 50, 0).shows_for(2200, 0);
     assert_eq!(drive.doubt(), Doubt::StillLow);
@@ -219,7 +219,7 @@ fn a_move_whose_end_the_drive_does_not_show_needs_a_stop() {
 
 #[test]
 fn an_axis_that_an_input_holds_is_under_way() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.goes(500, 50, 0).shows_for(5000, 0);
     assert!(drive.outcomes().is_empty() && !drive.sequencer.needs_stop());
@@ -229,7 +229,7 @@ fn an_axis_that_an_input_holds_is_under_way() {
 
 #[test]
 fn an_axis_at_rest_elsewhere_has_missed_its_target() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.goes(600, 50, 0).shows_for(50, REACHED);
     assert!(drive.outcomes().is_empty());
@@ -244,7 +244,7 @@ fn an_axis_at_rest_elsewhere_has_missed_its_target() {
 
 #[test]
 fn one_wrong_bit_10_ends_nothing() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.goes(995, 50, 0).shows(REACHED).goes(1100, 50, 0);
     assert!(drive.outcomes().is_empty(), "it overshoots");
@@ -252,7 +252,7 @@ fn one_wrong_bit_10_ends_nothing() {
 
 #[test]
 fn a_move_to_where_the_axis_stands_is_over_with_the_settle_time() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive
         .asks_abs(FIRST, 3, BufferMode::Aborting)
         .takes(REACHED);
@@ -262,7 +262,7 @@ fn a_move_to_where_the_axis_stands_is_over_with_the_settle_time() {
 
 #[test]
 fn an_aborting_move_supersedes_the_other_when_it_is_acknowledged() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.goes(500, 50, 0);
     drive.asks_abs(SECOND, -1000, BufferMode::Aborting);
@@ -279,7 +279,7 @@ fn an_aborting_move_supersedes_the_other_when_it_is_acknowledged() {
 
 #[test]
 fn a_place_that_gets_free_shows_that_the_first_is_over() {
-    let mut drive = Dialogue::with(BufferSignal::Acknowledge);
+    let mut drive = SetPointDialogue::with(BufferSignal::Acknowledge);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.asks_abs(SECOND, 1020, BufferMode::Buffered).fills();
     drive.asks_abs(THIRD, 0, BufferMode::Buffered);
@@ -296,7 +296,7 @@ fn a_place_that_gets_free_shows_that_the_first_is_over() {
 #[test]
 fn a_clamped_move_with_another_behind_it_is_not_reached() {
     for step in [10, 20, 40] {
-        let mut drive = Dialogue::with(BufferSignal::Acknowledge);
+        let mut drive = SetPointDialogue::with(BufferSignal::Acknowledge);
         drive.asks_abs(FIRST, 6020, BufferMode::Aborting).takes(0);
         drive.asks_abs(SECOND, 8000, BufferMode::Buffered).fills();
         drive.goes(6000, 500, ACKNOWLEDGE);
@@ -313,7 +313,7 @@ fn a_clamped_move_with_another_behind_it_is_not_reached() {
 
 #[test]
 fn half_of_the_way_to_the_next_end_shows_that_the_first_is_over() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.asks_abs(SECOND, 2000, BufferMode::Blending).takes(0);
     drive.goes(1000, 10, 0).goes(1490, 10, 0).shows_for(300, 0);
@@ -327,7 +327,7 @@ fn half_of_the_way_to_the_next_end_shows_that_the_first_is_over() {
 
 #[test]
 fn rest_ends_both_on_a_drive_that_shows_nothing() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.asks_abs(SECOND, 1020, BufferMode::Buffered).takes(0);
     drive.asks_abs(THIRD, 0, BufferMode::Buffered);
@@ -348,7 +348,7 @@ fn rest_ends_both_on_a_drive_that_shows_nothing() {
 
 #[test]
 fn while_the_axis_is_halted_bit_10_says_nothing_of_set_points() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.goes(500, 50, 0);
     drive.halted = true;
@@ -364,7 +364,7 @@ fn while_the_axis_is_halted_bit_10_says_nothing_of_set_points() {
 
 #[test]
 fn a_distance_counts_from_where_the_axis_stands() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.goes(700, 50, REACHED).shows_for(200, REACHED);
     drive.asks(FIRST, Reference::Relative, -300, BufferMode::Aborting);
     drive.takes(0).goes(400, 50, 0).shows_for(5, REACHED);
@@ -373,7 +373,7 @@ fn a_distance_counts_from_where_the_axis_stands() {
 
 #[test]
 fn what_ends_the_motion_says_how_far_each_set_point_came() {
-    let mut drive = Dialogue::with(BufferSignal::None);
+    let mut drive = SetPointDialogue::with(BufferSignal::None);
     drive.asks_abs(FIRST, 1000, BufferMode::Aborting).takes(0);
     drive.asks_abs(SECOND, 2000, BufferMode::Buffered);
     drive.shows_for(2, 0);
