@@ -76,6 +76,42 @@ impl Timer {
     }
 }
 
+/// Whether the drive has surely seen what was sent. Its time begins when that is known to have been delivered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct UntilSeen(Option<Timer>);
+
+impl UntilSeen {
+    pub const UNDELIVERED: Self = Self(None);
+    pub const SEEN: Self = Self(Some(Timer::OVER));
+
+    /// One cycle. `time`: how long the drive takes from now on.
+    #[inline]
+    pub const fn update(&mut self, delivered: bool, elapsed: Elapsed, time: Timer) {
+        match &mut self.0 {
+            Some(left) => left.pass(elapsed),
+            None if delivered => self.0 = Some(time),
+            None => {}
+        }
+    }
+
+    pub const fn is_delivered(self) -> bool {
+        self.0.is_some()
+    }
+
+    #[inline]
+    pub const fn is_seen(self) -> bool {
+        matches!(self.0, Some(left) if left.is_over())
+    }
+
+    /// When it is seen. A delivery is an input.
+    pub const fn due(self) -> Due {
+        match self.0 {
+            Some(left) => left.due(),
+            None => Due::NEVER,
+        }
+    }
+}
+
 /// Whether something has lasted for a time, in time and in samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct Lasting(Option<Timer>);

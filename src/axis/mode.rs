@@ -8,7 +8,7 @@ use crate::{
         WaitingFor,
     },
     profile_velocity::{JogStep, Jogging},
-    timer::{Due, Timer},
+    timer::{Due, Timer, UntilSeen},
 };
 
 use super::{CoreConfig, machines::Step};
@@ -26,8 +26,8 @@ pub(super) struct Modes {
     by_sdo: Option<Mode>,
     /// So long the drive may come to a mode that was taken back: nothing begins before.
     hold: Timer,
-    /// Since no bit of a mode and no velocity is known to have been delivered: until the drive has surely seen that.
-    quiet: Option<Timer>,
+    /// That no bit of a mode and no velocity is sent.
+    quiet: UntilSeen,
     reference: Reference,
 }
 
@@ -80,7 +80,7 @@ impl Modes {
             change: None,
             by_sdo: None,
             hold: Timer::OVER,
-            quiet: None,
+            quiet: UntilSeen::UNDELIVERED,
             reference: Reference::of(config.homed),
         }
     }
@@ -287,8 +287,7 @@ impl Modes {
         let ModeStep::Quiet { by_sdo } = change.step else {
             return;
         };
-        let quiet = self.quiet.is_some_and(Timer::is_over);
-        if !(quiet && rests && (by_sdo || self.hold.is_over())) {
+        if !(self.quiet.is_seen() && rests && (by_sdo || self.hold.is_over())) {
             return;
         }
         // 607Ah still holds the last move's target or distance; another mode may follow it at once.
@@ -309,11 +308,10 @@ impl Modes {
     /// Time passes, in each cycle.
     pub fn pass_time(&mut self, step: &Step<'_>) {
         self.hold.pass(step.elapsed);
-        match &mut self.quiet {
-            _ if step.sends_mode_bits() => self.quiet = None,
-            Some(left) => left.pass(step.elapsed),
-            None if step.delivered => self.quiet = Some(step.seen),
-            None => {}
+        if step.sends_mode_bits() {
+            self.quiet = UntilSeen::UNDELIVERED;
+        } else {
+            self.quiet.update(step.delivered, step.elapsed, step.seen);
         }
     }
 
@@ -402,7 +400,7 @@ impl Modes {
             Mode::Homing => self.homing.due(in_mode),
             _ => self.jogging.due(),
         };
-        let quiet = self.quiet.map_or(Due::NEVER, Timer::due);
+        let quiet = self.quiet.due();
         change.sooner(machine).sooner(self.hold.due()).sooner(quiet)
     }
 

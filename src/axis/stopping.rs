@@ -7,7 +7,7 @@
 use crate::{
     ds402::State,
     profile_position::{CommandId, Completion, Delivery, Failure, WaitingFor},
-    timer::{Due, Timer},
+    timer::{Due, Timer, UntilSeen},
 };
 
 use super::{deceleration::DecelerationMonitor, machines::Step, power::is_down};
@@ -50,8 +50,7 @@ pub(super) enum Wait {
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Halt {
     pub is_on: bool,
-    /// Since it is known to have been delivered: until the drive has surely seen it.
-    seen: Option<Timer>,
+    seen: UntilSeen,
     /// Nobody waits for it: liveness, a stop handle.
     pub unwatched: bool,
     /// It is the stop's own, and falls again where there is nothing to abandon.
@@ -63,7 +62,7 @@ pub(super) struct Halt {
 impl Halt {
     pub const OFF: Self = Self {
         is_on: false,
-        seen: None,
+        seen: UntilSeen::UNDELIVERED,
         unwatched: false,
         lent: false,
         deceleration: DecelerationMonitor::new(),
@@ -71,38 +70,22 @@ impl Halt {
 
     /// Whether the drive has surely seen it.
     pub const fn is_seen(&self) -> bool {
-        matches!(self.seen, Some(left) if left.is_over())
+        self.seen.is_seen()
     }
 }
 
 /// Bit 2 low.
 #[derive(Debug, Clone, Copy, Hash)]
 struct QuickStop {
-    seen: Option<Timer>,
+    seen: UntilSeen,
     deceleration: DecelerationMonitor,
 }
 
 impl QuickStop {
     const NEW: Self = Self {
-        seen: None,
+        seen: UntilSeen::UNDELIVERED,
         deceleration: DecelerationMonitor::new(),
     };
-}
-
-/// Whether the drive has seen that bit 8 is low (S7).
-#[derive(Debug, Clone, Copy, Hash)]
-enum Released {
-    Sent,
-    Delivered(Timer),
-}
-
-impl Released {
-    const fn due(self) -> Due {
-        match self {
-            Self::Sent => Due::NEXT,
-            Self::Delivered(left) => left.due(),
-        }
-    }
 }
 
 /// The stops of an axis.
@@ -112,7 +95,8 @@ pub(super) struct Stopping {
     /// The axis is to be disabled at the end.
     pub off: bool,
     pub halt: Halt,
-    released: Released,
+    /// That bit 8 is low (S7).
+    released: UntilSeen,
     quick: QuickStop,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
 }
@@ -147,7 +131,7 @@ impl Stopping {
             phase: StopPhase::None,
             off: false,
             halt: Halt::OFF,
-            released: Released::Delivered(Timer::OVER),
+            released: UntilSeen::SEEN,
             quick: QuickStop::NEW,
             waiters: [None; WAITERS],
         }
@@ -181,12 +165,12 @@ impl Stopping {
     /// Bit 8 was sent low.
     pub const fn release(&mut self) {
         self.halt = Halt::OFF;
-        self.released = Released::Sent;
+        self.released = UntilSeen::UNDELIVERED;
     }
 
     /// Whether bit 8 is high, or its low not surely seen.
     pub const fn is_halted(&self) -> bool {
-        self.halt.is_on || !matches!(self.released, Released::Delivered(left) if left.is_over())
+        self.halt.is_on || !self.released.is_seen()
     }
 
     /// Bit 2 falls, and the axis is to stand by then.
@@ -205,25 +189,15 @@ impl Stopping {
 
     /// One cycle of bit 8 and of who waits for it.
     pub fn step_halt(&mut self, step: &Step<'_>, has_motion: bool) -> StopStep {
-        match &mut self.released {
-            Released::Sent if step.delivered && !step.sends_halt() => {
-                self.released = Released::Delivered(step.seen);
-            }
-            Released::Sent => {}
-            Released::Delivered(left) => left.pass(step.elapsed),
-        }
+        let released = step.delivered && !step.sends_halt();
+        self.released.update(released, step.elapsed, step.seen);
         if !self.halt.is_on {
             return StopStep::Nothing;
         }
         let halt = &mut self.halt;
         let was_seen = halt.is_seen();
-        match &mut halt.seen {
-            Some(left) => left.pass(step.elapsed),
-            None if step.delivered && step.sends_halt() => {
-                halt.seen = Some(step.seen);
-            }
-            None => {}
-        }
+        let delivered = step.delivered && step.sends_halt();
+        halt.seen.update(delivered, step.elapsed, step.seen);
         if !halt.is_seen() {
             return StopStep::Nothing;
         }
@@ -289,7 +263,7 @@ impl Stopping {
                 } else if step.stands() && state == State::QuickStopActive {
                     // A drive that stays there although 605Ah said otherwise when it was read is believed in the end.
                     StopStep::QuickStopped
-                } else if state == State::OperationEnabled && self.quick.seen.is_some() {
+                } else if state == State::OperationEnabled && self.quick.seen.is_delivered() {
                     StopStep::GiveUp(Failure::QuickStopIgnored)
                 } else {
                     StopStep::GiveUp(step.timeout(step.standstill(), Delivery::NotSent))
@@ -332,14 +306,11 @@ impl Stopping {
             return false;
         }
         let quick = &mut self.quick;
-        match &mut quick.seen {
-            Some(left) => left.pass(step.elapsed),
-            None if step.delivered && step.sends_quick_stop() => quick.seen = Some(step.seen),
-            None => {}
-        }
+        let delivered = step.delivered && step.sends_quick_stop();
+        quick.seen.update(delivered, step.elapsed, step.seen);
         if step.stands() {
             quick.deceleration = DecelerationMonitor::new();
-        } else if quick.seen.is_some_and(Timer::is_over) {
+        } else if quick.seen.is_seen() {
             quick
                 .deceleration
                 .update(step.elapsed, step.position(), step.bounds);
@@ -429,8 +400,8 @@ impl Stopping {
 
     /// When it has something to do without a word of the drive.
     pub fn due(&self) -> Due {
-        Due::next_if(self.is_active() || self.halt.is_on || !self.has_no_waiter())
-            .sooner(self.released.due())
+        let waits = self.is_active() || self.halt.is_on || !self.has_no_waiter();
+        Due::next_if(waits || !self.released.is_delivered()).sooner(self.released.due())
     }
 }
 

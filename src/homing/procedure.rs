@@ -13,7 +13,7 @@ use crate::{
     profile_position::{
         Bit, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, Failure, WaitingFor,
     },
-    timer::{Due, Lasting, Timer},
+    timer::{Due, Lasting, Timer, UntilSeen},
 };
 
 use super::HomingCommand;
@@ -23,8 +23,8 @@ use super::HomingCommand;
 enum HomingPhase {
     /// Bit 4 is low; a homing may be waiting to be started.
     Low {
-        /// Since it is known to have been delivered low in this mode: until the drive has surely seen that.
-        seen: Option<Timer>,
+        /// The low, in this mode.
+        seen: UntilSeen,
         waiting: Option<(CommandId, HomingCommand)>,
     },
     High(Run),
@@ -37,7 +37,7 @@ enum HomingPhase {
 }
 
 const LOW: HomingPhase = HomingPhase::Low {
-    seen: None,
+    seen: UntilSeen::UNDELIVERED,
     waiting: None,
 };
 
@@ -92,8 +92,8 @@ impl Procedure {
         match self.stage {
             HomingPhase::Low {
                 waiting: None,
-                seen: Some(_),
-            } => Due::NEVER,
+                seen,
+            } if seen.is_delivered() => Due::NEVER,
             HomingPhase::Low { .. } | HomingPhase::High(_) => Due::next_if(in_mode),
             HomingPhase::Abandoned | HomingPhase::Halted | HomingPhase::Unknown => Due::NEVER,
         }
@@ -177,7 +177,7 @@ impl Procedure {
     /// A cycle in another mode or state: what bit 4 was there counts for nothing here.
     pub const fn outside(&mut self) {
         if let HomingPhase::Low { seen, .. } = &mut self.stage {
-            *seen = None;
+            *seen = UntilSeen::UNDELIVERED;
         }
     }
 
@@ -186,13 +186,9 @@ impl Procedure {
         match &mut self.stage {
             HomingPhase::Low { seen, waiting } => {
                 let low = !cycle.controlword.contains(Controlword::HOMING_START);
-                match seen {
-                    Some(left) => left.pass(cycle.elapsed),
-                    None if low && cycle.delivered => *seen = Some(cycle.rules.seen()),
-                    None => {}
-                }
+                seen.update(low && cycle.delivered, cycle.elapsed, cycle.rules.seen());
                 // The drive has surely seen bit 4 low in this mode, and shows the bits of this mode.
-                let is_seen = seen.is_some_and(Timer::is_over);
+                let is_seen = seen.is_seen();
                 // D1: what an earlier homing has left is known.
                 let evidence = &cycle.evidence;
                 let bits = [evidence.reached, evidence.acknowledge, evidence.error];
@@ -312,8 +308,7 @@ struct Run {
     sent: bool,
     /// Until it has to show that it has begun.
     start: Timer,
-    /// Since bit 4 is known to have been delivered: until the drive has surely seen it.
-    seen: Option<Timer>,
+    seen: UntilSeen,
     attained: Left,
     error: Left,
     /// The bits said "in progress" before bit 4 rose, as they do of some drives at rest.
@@ -347,7 +342,7 @@ impl Run {
             } else {
                 acknowledge
             },
-            seen: None,
+            seen: UntilSeen::UNDELIVERED,
             attained: Left::by(evidence.acknowledge),
             error: Left::by(evidence.error),
             idles_in_progress,
@@ -435,11 +430,8 @@ impl Run {
     fn note(&mut self, cycle: &Cycle<'_>) {
         let (evidence, bounds) = (&cycle.evidence, cycle.rules.bounds);
         self.start.pass(cycle.elapsed);
-        match &mut self.seen {
-            Some(left) => left.pass(cycle.elapsed),
-            None if cycle.delivered => self.seen = Some(cycle.rules.seen()),
-            None => {}
-        }
+        let seen_in = cycle.rules.seen();
+        self.seen.update(cycle.delivered, cycle.elapsed, seen_in);
         self.attained.note(evidence.acknowledge);
         if evidence.error.is_low() {
             self.error.note(evidence.error);
@@ -448,7 +440,7 @@ impl Run {
         self.place = self
             .place
             .filter(|&place| bounds.is_within_window(place, position));
-        let seen = self.seen.is_some_and(Timer::is_over);
+        let seen = self.seen.is_seen();
         let attained = evidence.acknowledge.is_high() && !evidence.error.is_high();
         let rose = seen && attained && self.attained == Left::Low;
         let has_fallen = !self.idles_in_progress && self.attained == Left::Fallen;
@@ -476,7 +468,7 @@ impl Run {
         let held = self.done.update(done, settle, elapsed);
         // So long that a drive that is at work on this one would show it.
         let long = settle.max(rules.traits.surely_seen().saturating_mul(2));
-        let told = self.seen.is_some();
+        let told = self.seen.is_delivered();
         let proven = self.proven.update(done && told, long, elapsed);
         let motionless = self.command.method.is_motionless();
         let anew = self.attained != Left::High;

@@ -4,7 +4,7 @@
 //! Onto a full buffer no rise comes: bit 4 is high for as long as the drive needs to see it, and the fall of bit 12 is the acknowledge
 //! (decision 5).
 
-use crate::timer::{Due, Timer};
+use crate::timer::{Due, Timer, UntilSeen};
 
 use super::{CommandId, Cycle, Doubt, Ends, Failure, Parameters, pending::Request};
 
@@ -26,8 +26,7 @@ pub(super) enum Handshake {
 /// Bit 4 is low.
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Low {
-    /// Since it is known to have been delivered: until the drive has surely seen it.
-    seen: Option<Timer>,
+    seen: UntilSeen,
     /// Bit 12 was high then: its fall proves that the drive has seen it.
     falls: bool,
 }
@@ -35,31 +34,28 @@ pub(super) struct Low {
 impl Low {
     const fn new() -> Self {
         Self {
-            seen: None,
+            seen: UntilSeen::UNDELIVERED,
             falls: false,
         }
     }
 
     fn step(&mut self, cycle: &Cycle<'_>) {
-        match &mut self.seen {
-            Some(seen) => seen.pass(cycle.elapsed),
-            None if cycle.delivered => {
-                self.seen = Some(cycle.rules.seen());
-                self.falls = cycle.evidence.acknowledge.shows_high();
-            }
-            None => {}
+        if cycle.delivered && !self.seen.is_delivered() {
+            self.falls = cycle.evidence.acknowledge.shows_high();
         }
+        let seen = cycle.rules.seen();
+        self.seen.update(cycle.delivered, cycle.elapsed, seen);
     }
 
     /// Whether the drive has surely seen it, by its own cycle.
     const fn is_seen(&self) -> bool {
-        matches!(self.seen, Some(seen) if seen.is_over())
+        self.seen.is_seen()
     }
 
     /// Whether bit 12 is low and the drive has surely seen the low of bit 4: by the fall of bit 12, or by its own cycle.
     const fn is_answered(&self, cycle: &Cycle<'_>) -> bool {
         !cycle.evidence.acknowledge.shows_high()
-            && self.seen.is_some()
+            && self.seen.is_delivered()
             && (self.falls || self.is_seen())
     }
 }
@@ -107,8 +103,7 @@ pub(super) enum Stage {
 /// What a drive with a full buffer shows of bit 4.
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Full {
-    /// Since it is known to have been delivered: until the drive has surely seen it.
-    seen: Option<Timer>,
+    seen: UntilSeen,
     /// Frames with inputs since then.
     shown: u8,
     /// While bit 12 is low after all.
@@ -117,7 +112,7 @@ pub(super) struct Full {
 
 impl Full {
     const NEW: Self = Self {
-        seen: None,
+        seen: UntilSeen::UNDELIVERED,
         shown: 0,
         fell: None,
     };
@@ -254,10 +249,8 @@ impl Handshake {
     /// When it has something to do without a word of the drive.
     pub const fn due(&self) -> Due {
         match self {
-            Self::Low(Low { seen: None, .. }) => Due::NEXT,
-            Self::Low(Low {
-                seen: Some(seen), ..
-            }) => seen.due(),
+            Self::Low(low) if !low.seen.is_delivered() => Due::NEXT,
+            Self::Low(low) => low.seen.due(),
             Self::High(_) | Self::Overwriting(..) => Due::NEXT,
             Self::Abandoned => Due::NEVER,
         }
@@ -298,13 +291,9 @@ impl Raised {
                         Some(fell)
                     }
                 };
-                match &mut full.seen {
-                    Some(seen) => seen.pass(cycle.elapsed),
-                    None if cycle.delivered => full.seen = Some(cycle.rules.seen()),
-                    None => {}
-                }
-                let seen = full.seen.is_some_and(Timer::is_over);
-                full.shown += u8::from(seen);
+                let seen = cycle.rules.seen();
+                full.seen.update(cycle.delivered, cycle.elapsed, seen);
+                full.shown += u8::from(full.seen.is_seen());
                 if full.fell.is_some_and(Timer::is_over) {
                     self.stage = Stage::Awaited { early: false };
                 } else if full.shown > SHOWN_AFTER {

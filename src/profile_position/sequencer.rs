@@ -6,7 +6,7 @@
 
 use crate::{
     ds402::{ModeBits, SetPointBits},
-    timer::{Due, Timer},
+    timer::{Due, Timer, UntilSeen},
 };
 
 use super::{
@@ -25,7 +25,8 @@ pub(crate) struct Sequencer {
     observer: Observer,
     /// Bits 4, 5, 6 and 9 of the next controlword.
     bits: ModeBits,
-    ahead: StartBitsAhead,
+    /// Bits 5, 6 and 9 that are out while bit 4 is low. Where they fell with bit 4 they are seen with its low.
+    ahead: UntilSeen,
     target: i32,
     parameters: Parameters,
     /// While bit 12 alone is in the way of the move whose turn it is.
@@ -33,15 +34,6 @@ pub(crate) struct Sequencer {
     armed: Option<CommandId>,
     /// Of a set-point nobody knows whether the drive holds it. Nothing more is sent until the drive is outside of Operation enabled.
     needs_stop: bool,
-}
-
-/// Whether the drive has seen the bits 5, 6 and 9 that are out while bit 4 is low.
-#[derive(Debug, Clone, Copy, Hash)]
-enum StartBitsAhead {
-    /// They fell with bit 4, and are seen with its low.
-    Fell,
-    Changed,
-    Delivered(Timer),
 }
 
 /// Whether the drive can take a move.
@@ -60,7 +52,7 @@ impl Sequencer {
             handshake: Handshake::LOW,
             observer: Observer::new(),
             bits: ModeBits::NONE,
-            ahead: StartBitsAhead::Fell,
+            ahead: UntilSeen::SEEN,
             target: 0,
             parameters,
             blocked: None,
@@ -239,11 +231,8 @@ impl Sequencer {
                 events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
             }
         }
-        if let StartBitsAhead::Delivered(seen) = &mut self.ahead {
-            seen.pass(cycle.elapsed);
-        } else if matches!(self.ahead, StartBitsAhead::Changed) && cycle.delivered {
-            self.ahead = StartBitsAhead::Delivered(cycle.rules.seen());
-        }
+        let seen = cycle.rules.seen();
+        self.ahead.update(cycle.delivered, cycle.elapsed, seen);
         let known = self.known(cycle);
         if self.observer.step(cycle, known, events) {
             self.doubt(events);
@@ -305,7 +294,7 @@ impl Sequencer {
         if !in_mode {
             return Due::NEVER;
         }
-        let waits = !self.pending.is_empty() || !matches!(self.ahead, StartBitsAhead::Fell);
+        let waits = !self.pending.is_empty() || !self.ahead.is_seen();
         Due::next_if(waits)
             .sooner(self.handshake.due())
             .sooner(self.observer.due())
@@ -460,7 +449,7 @@ impl Sequencer {
     const fn fall_of_bit_4(&mut self) {
         if self.handshake.is_low() {
             self.bits = ModeBits::NONE;
-            self.ahead = StartBitsAhead::Fell;
+            self.ahead = UntilSeen::SEEN;
         }
     }
 
@@ -473,20 +462,16 @@ impl Sequencer {
         let bits = start_bits(command, traits);
         if self.bits != bits {
             self.bits = bits;
-            self.ahead = StartBitsAhead::Changed;
+            self.ahead = UntilSeen::UNDELIVERED;
         }
-        match self.ahead {
-            StartBitsAhead::Fell => true,
-            StartBitsAhead::Changed => false,
-            StartBitsAhead::Delivered(seen) => seen.is_over(),
-        }
+        self.ahead.is_seen()
     }
 
     /// The move that they were put out for does not come.
     fn take_start_bits_back(&mut self) {
         if self.handshake.is_low() && !self.bits.is_empty() {
             self.bits = ModeBits::NONE;
-            self.ahead = StartBitsAhead::Changed;
+            self.ahead = UntilSeen::UNDELIVERED;
         }
     }
 

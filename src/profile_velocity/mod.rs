@@ -11,7 +11,7 @@ use crate::{
     profile_position::{
         CommandId, Completion, Cycle, Delivery, Event, Events, Failure, ParameterFault, Parameters,
     },
-    timer::{Due, Timer},
+    timer::{Due, Timer, UntilSeen},
     units::{AxisUnit, Counts, Quantity, Scale, ScaleError, Unit},
 };
 
@@ -148,8 +148,8 @@ struct LetGo {
     id: CommandId,
     /// Until the axis has to be at rest.
     left: Timer,
-    /// Since the 0 is known to have been delivered: until the drive has surely seen it.
-    seen: Option<Timer>,
+    /// The 0.
+    seen: UntilSeen,
     sent: bool,
     /// By its dead-man time, and not by its holder.
     by_itself: bool,
@@ -331,7 +331,7 @@ impl Jogging {
                 self.stage = JogPhase::Released(LetGo {
                     id,
                     left,
-                    seen: None,
+                    seen: UntilSeen::UNDELIVERED,
                     sent: false,
                     by_itself,
                 });
@@ -415,15 +415,14 @@ impl Jogging {
             JogPhase::Released(let_go) if let_go.sent => {
                 let_go.left.pass(cycle.elapsed);
                 let (id, by_itself) = (let_go.id, let_go.by_itself);
-                let Some(seen) = &mut let_go.seen else {
-                    if cycle.delivered {
-                        let_go.seen = Some(cycle.rules.seen());
-                    }
+                let before = let_go.seen;
+                let seen = cycle.rules.seen();
+                let_go.seen.update(cycle.delivered, cycle.elapsed, seen);
+                if !before.is_delivered() {
                     return self.judge_late(cycle, events);
-                };
-                let was_seen = seen.is_over();
-                seen.pass(cycle.elapsed);
-                if seen.is_over() && !was_seen {
+                }
+                let was_seen = before.is_seen();
+                if let_go.seen.is_seen() && !was_seen {
                     // What the drive shows before it has taken the 0 in may be the rest from which it is only just starting.
                     return JogStep::Seen;
                 }
