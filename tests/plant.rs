@@ -74,6 +74,17 @@ fn judge(bus: &Bus, moves: &[CommandId]) -> Result<(), String> {
     Ok(())
 }
 
+fn all_are_reached(bus: &mut Bus, moves: &[CommandId], what: &str) {
+    for id in moves {
+        let end = bus.finish(*id);
+        assert!(
+            matches!(end, Ok(Completion::Reached { .. })),
+            "{what} {id:?}: {end:?}"
+        );
+    }
+    assert_eq!(judge(bus, moves), Ok(()), "{what}");
+}
+
 #[test]
 fn an_axis_that_goes_past_its_end_has_not_left_it() {
     for signal in [BufferSignal::None, BufferSignal::Unknown] {
@@ -86,14 +97,7 @@ fn an_axis_that_goes_past_its_end_has_not_left_it() {
             bus.abs(30_000, after()),
             bus.abs(25_000, after()),
         ];
-        for id in moves {
-            let end = bus.finish(id);
-            assert!(
-                matches!(end, Ok(Completion::Reached { .. })),
-                "{signal:?} {id:?}: {end:?}"
-            );
-        }
-        assert_eq!(judge(&bus, &moves), Ok(()), "{signal:?}");
+        all_are_reached(&mut bus, &moves, &format!("{signal:?}"));
     }
 }
 
@@ -179,14 +183,7 @@ fn is_followed_to_the_last(shows_room: bool, dwell: u32) {
             bus.abs(-3_000, after()),
             bus.abs(-2_000, after()),
         ];
-        for id in moves {
-            let end = bus.finish(id);
-            assert!(
-                matches!(end, Ok(Completion::Reached { .. })),
-                "{shows_room} {dwell} {id:?}: {end:?}"
-            );
-        }
-        assert_eq!(judge(&bus, &moves), Ok(()), "{shows_room} {dwell}");
+        all_are_reached(&mut bus, &moves, &format!("{shows_room} {dwell}"));
     }
 }
 

@@ -45,7 +45,7 @@ fn a_halt_keeps_the_set_point_and_resume_completes_it() {
     assert_eq!(rig.ledger().len(), 1);
 }
 
-/// What ends a move says whether its bit 4 had gone out, and whether the drive had acknowledged it.
+/// The failure says whether bit 4 had gone out, and whether the drive had acknowledged it.
 #[test]
 fn a_move_that_is_stopped_says_how_far_its_set_point_came() {
     for (command, came) in [

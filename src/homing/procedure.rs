@@ -292,7 +292,7 @@ impl Left {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum HomingProgress {
     None,
-    /// What an earlier homing has left fell for one word, which may be wrong.
+    /// Bit 12 of an earlier homing fell for one word, which may be wrong.
     Perhaps,
     /// It is at work on this one, for all that shows.
     Begun,

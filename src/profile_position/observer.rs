@@ -54,7 +54,7 @@ pub(crate) struct HeldSetPoint {
     begin: Timer,
 }
 
-/// What the drive held when it took this one.
+/// Whether the drive held another one when it took this.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Behind {
     Nothing,

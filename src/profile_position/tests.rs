@@ -130,7 +130,7 @@ impl SetPointDialogue {
         self.reports().into_iter().filter_map(outcome).collect()
     }
 
-    /// What is not known of the only move that has ended.
+    /// The doubt in which the only move has ended.
     fn doubt(&mut self) -> Doubt {
         match self.outcomes()[..] {
             [(_, Err(Failure::Unknown { doubt, .. }))] => doubt,

@@ -1,4 +1,4 @@
-//! What an outcome says, beyond its class.
+//! The parts of an outcome, beyond its class.
 
 pub use servocrab::axis::FailureClass as Class;
 use servocrab::axis::{Delivery, Failure};

@@ -2,19 +2,25 @@
 
 use super::played::{ENABLED, FIELDS, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED};
 use crate::{
-    axis::{AxisFields, Command, CoreConfig, Failure},
+    axis::{AxisFields, Command, CommandId, CoreConfig, Failure},
     ds402::{Mode, State},
     profile_velocity::JogSetPoint,
 };
 
-/// Its drive follows no 0 in 60FFh, and perhaps nobody waits for the rest any more.
-#[test]
-fn a_jog_that_was_let_go_and_does_not_come_to_rest_is_ended_by_a_quick_stop() {
-    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
-    let jog = drive.submit(Command::Jog(JogSetPoint::new(20_000)));
+/// An axis that moves by a jog that was let go in this cycle.
+fn let_go(config: CoreConfig, set_point: JogSetPoint) -> (Played, CommandId) {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, config);
+    let jog = drive.submit(Command::Jog(set_point));
     drive.velocity = 20;
     drive.shows_for(20, ENABLED);
     assert!(drive.core.release_jog(drive.now, jog, &mut drive.outputs));
+    (drive, jog)
+}
+
+/// Its drive follows no 0 in 60FFh, and perhaps nobody waits for the rest any more.
+#[test]
+fn a_jog_that_was_let_go_and_does_not_come_to_rest_is_ended_by_a_quick_stop() {
+    let (mut drive, jog) = let_go(Played::config(), JogSetPoint::new(20_000));
     let (_, result) = drive.cycles_to_end(jog, ENABLED);
     assert!(matches!(result, Err(Failure::Timeout { .. })), "{result:?}");
     assert_eq!(drive.word(), QUICK_STOP);
@@ -27,11 +33,7 @@ fn a_jog_that_was_let_go_and_does_not_come_to_rest_is_ended_by_a_quick_stop() {
 /// The jog that was to take over from one that was let go is given up before it is sent.
 #[test]
 fn a_jog_that_was_let_go_is_watched_on_where_the_next_is_given_up_before_it_is_sent() {
-    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
-    let first = drive.submit(Command::Jog(JogSetPoint::new(20_000)));
-    drive.velocity = 20;
-    drive.shows_for(20, ENABLED);
-    assert!(drive.core.release_jog(drive.now, first, &mut drive.outputs));
+    let (mut drive, first) = let_go(Played::config(), JogSetPoint::new(20_000));
     drive.shows_for(5, ENABLED);
     let second = drive.submit(Command::Jog(JogSetPoint::new(-20_000)));
     assert!(drive.core.withdraw(second, &mut drive.outputs));
@@ -47,11 +49,7 @@ fn a_jog_that_was_let_go_is_watched_on_where_the_next_is_given_up_before_it_is_s
 /// The second is let go before it is sent. A third one takes over in the same cycle.
 #[test]
 fn each_of_three_jogs_between_two_frames_has_its_end() {
-    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
-    let first = drive.submit(Command::Jog(JogSetPoint::new(20_000)));
-    drive.velocity = 20;
-    drive.shows_for(20, ENABLED);
-    assert!(drive.core.release_jog(drive.now, first, &mut drive.outputs));
+    let (mut drive, first) = let_go(Played::config(), JogSetPoint::new(20_000));
     let second = drive.submit(Command::Jog(JogSetPoint::new(-20_000)));
     assert!(
         drive
@@ -83,16 +81,12 @@ fn a_jog_that_was_let_go_comes_to_rest_by_its_own_ramp() {
         ..Played::config()
     };
     for by_stop in [false, true] {
-        let mut drive = Played::enabled_in(Mode::ProfileVelocity, config());
-        let jog = |velocity, ramp| Command::Jog(JogSetPoint::new(velocity).deceleration(ramp));
-        let first = drive.submit(jog(20_000, 90_000));
-        drive.velocity = 20;
-        drive.shows_for(20, ENABLED);
-        assert!(drive.core.release_jog(drive.now, first, &mut drive.outputs));
+        let jog = |velocity, ramp| JogSetPoint::new(velocity).deceleration(ramp);
+        let (mut drive, _) = let_go(config(), jog(20_000, 90_000));
         drive.shows_for(2, ENABLED);
         let ramp = |drive: &Played| drive.outputs[7..].try_into().map_or(0, u32::from_le_bytes);
         assert_eq!(ramp(&drive), 90_000);
-        let second = drive.submit(jog(-20_000, 10));
+        let second = drive.submit(Command::Jog(jog(-20_000, 10)));
         if by_stop {
             drive.submit(Command::Stop);
         } else {

@@ -159,7 +159,7 @@ pub(super) fn library_checks_every_target_that_it_knows() {
         let refused = rig.abs(9_000, SetPoint::new().buffer_mode(start));
         assert!(is_refused(&rig, refused, 8_000), "{start:?}");
     }
-    // What the first distance counts from is the drive's to know, and it limits the move: the axis rests where that may lead.
+    // The base of the first distance is not documented, and the drive limits the move: the axis rests where it may lead.
     let id = rig.rel(9_000, SetPoint::new());
     assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 8_000 }));
     assert_eq!(rig.drive.position(), 8_000);

@@ -27,7 +27,7 @@ impl Scenario {
         while let Some(latch) = self.drive.ledger.get(self.watch.ledger_seen).copied() {
             let index = self.watch.ledger_seen;
             self.watch.ledger_seen += 1;
-            // What it counts from shows where the axis is known to stand.
+            // Its base is known where the axis is known to stand.
             let stood = self.surely_stood() && !self.issued.iter().any(Issued::is_open_move);
             self.drive.ledger[index].known &= stood || !latch.relative || latch.behind;
             let name = latch.out.velocity.wrapping_sub(self.program.speed);
