@@ -166,7 +166,7 @@ fn the_bits_of_a_move_that_does_not_come_are_taken_back() {
         rig.run(100);
         assert_eq!(rig.word() & (START_BITS | BIT_4), BIT_6);
         let mut outputs = rig.outputs.clone();
-        assert!(rig.core.withdraw(relative, &mut outputs));
+        assert!(rig.core.withdraw(rig.now, relative, &mut outputs));
         rig.outputs = outputs;
         assert_eq!(rig.word(), ENABLED);
         let after = rig.abs(40_000, buffered);

@@ -269,9 +269,10 @@ impl AxisCore {
     /// Withdraws a motion that has not been sent, or a change of mode, which then ends as [`Failure::Withdrawn`]; a rise of bit 4 that
     /// is in the outputs and not sent is taken back. Returns whether there was such a move: afterwards it is too late, and the
     /// handshake completes.
-    pub fn withdraw(&mut self, id: CommandId, outputs: &mut [u8]) -> bool {
-        let (config, machines) = (&self.known.config.0, &mut self.machines);
-        let withdrawn = machines.modes.withdraw(id, config, &mut machines.events.0);
+    pub fn withdraw(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
+        let step = self.known.between(&self.machines, now);
+        let Machines { modes, events, .. } = &mut self.machines;
+        let withdrawn = modes.withdraw(id, &step, &mut events.0);
         if withdrawn {
             self.compose(outputs);
         }

@@ -668,7 +668,7 @@ impl Machines {
             self.done(id, Err(failure));
         }
         let events = &mut self.events.0;
-        self.modes.fail_change(failure, step.config, events);
+        self.modes.fail_change(failure, step, events);
         self.fail_resume(failure);
     }
 

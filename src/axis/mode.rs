@@ -212,14 +212,14 @@ impl Modes {
     }
 
     /// Withdraws a motion that was not sent, or a change of mode; whether there was one.
-    pub fn withdraw(&mut self, id: CommandId, config: &CoreConfig, events: &mut Events) -> bool {
+    pub fn withdraw(&mut self, id: CommandId, step: &Step<'_>, events: &mut Events) -> bool {
         let failure = Failure::Withdrawn;
         let withdrawn = self.sequencer.withdraw(id, failure, events)
             || self.homing.withdraw(id, failure, events)
             || self.jogging.withdraw(id, failure, events);
         let awaited = self.change.is_some_and(|change| change.id == id);
         if awaited {
-            self.fail_change(failure, config, events);
+            self.fail_change(failure, step, events);
         }
         withdrawn || awaited
     }
@@ -333,19 +333,19 @@ impl Modes {
             } else {
                 step.timeout(WaitingFor::Mode(change.to), Delivery::NotSent)
             };
-            self.fail_change(failure, step.config, events);
+            self.fail_change(failure, step, events);
         }
     }
 
     /// A change of mode ends; the mode before is in the outputs again. What was written by SDO stays in the drive.
-    pub fn fail_change(&mut self, failure: Failure, config: &CoreConfig, events: &mut Events) {
+    pub fn fail_change(&mut self, failure: Failure, step: &Step<'_>, events: &mut Events) {
         let Some(change) = self.change.take() else {
             return;
         };
         self.active = change.before;
-        let is_in_outputs = change.step == ModeStep::Written && config.fields.mode.is_some();
+        let is_in_outputs = change.step == ModeStep::Written && step.config.fields.mode.is_some();
         if is_in_outputs && change.to != change.before {
-            self.hold = Timer::new(config.deadlines.mode);
+            self.hold = step.timer(step.config.deadlines.mode);
         }
         events.push(change.id, Event::Done(Err(failure)));
     }

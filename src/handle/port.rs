@@ -251,7 +251,7 @@ impl AxisPort {
         let mut any = false;
         for Taken { request, .. } in &self.taken {
             if let Some(ends) = request.take_withdrawal() {
-                let withdrawn = core.withdraw(request.id, outputs);
+                let withdrawn = core.withdraw(*now, request.id, outputs);
                 if !withdrawn && ends {
                     core.end_homing(*now, request.id, outputs);
                 }

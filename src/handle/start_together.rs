@@ -175,7 +175,7 @@ impl Group {
             is_done(member) || member.shared.check_lease(member.lease).is_err()
         };
         if self.members.iter().any(is_over) {
-            self.withdraw(axes);
+            self.withdraw(now, axes);
             // One that was asked for when this cycle had looked at its axis is not taken yet.
             return self.members.iter().all(is_done);
         }
@@ -195,10 +195,10 @@ impl Group {
         true
     }
 
-    fn withdraw(&self, axes: &mut impl AxisSet) {
+    fn withdraw(&self, now: Duration, axes: &mut impl AxisSet) {
         for member in &self.members {
             if let Some((core, outputs)) = axes.axis(member.axis) {
-                core.withdraw(member.request.id, outputs);
+                core.withdraw(now, member.request.id, outputs);
                 // Its port passes on what the core reports of that, in the next cycle.
                 member.shared.ask();
             }

@@ -77,9 +77,9 @@ impl CorePair {
         })
     }
 
-    pub fn withdraw(&mut self, id: CommandId, outputs: &mut [u8]) -> bool {
+    pub fn withdraw(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
         self.both("withdraw", outputs, |core, _, outputs| {
-            core.withdraw(id, outputs)
+            core.withdraw(now, id, outputs)
         })
     }
 

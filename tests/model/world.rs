@@ -492,7 +492,7 @@ impl World {
             Act::Move { goal, buffer_mode } => self.ask_move(goal, buffer_mode)?,
             Act::Withdraw(name) => {
                 let id = CommandId(fingerprint::number(name));
-                self.core.withdraw(id, &mut self.outputs);
+                self.core.withdraw(self.now, id, &mut self.outputs);
                 self.drain()?;
             }
             Act::Wrong(bits) => shown = Some(bits),

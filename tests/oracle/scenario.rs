@@ -447,8 +447,9 @@ impl Scenario {
             && let Some(&id) = self.pending.last()
         {
             self.say(|_| format!("withdraw {id}"));
+            let now = self.now;
             self.host
-                .call(|core, outputs| core.withdraw(CommandId(id), outputs));
+                .call(|core, outputs| core.withdraw(now, CommandId(id), outputs));
             self.drain()?;
         }
         if let Some(id) = self.jog

@@ -94,7 +94,11 @@ fn nothing_begins_while_the_drive_may_come_to_a_mode_that_was_taken_back() {
         let selecting = drive.submit(TO_HOMING);
         drive.shows_for(3, REACHED);
         assert_eq!(drive.outputs[6], 6);
-        assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+        assert!(
+            drive
+                .core
+                .withdraw(drive.now, selecting, &mut drive.outputs)
+        );
         assert_eq!(drive.outputs[6], 1);
         drive.drain();
         assert_eq!(drive.outcome(selecting), refused(Failure::Withdrawn));
@@ -121,7 +125,7 @@ fn nothing_begins_while_the_drive_may_come_to_a_mode_that_was_taken_back() {
     // Or goes away again.
     let mut drive = withdrawn();
     let back = drive.submit(Command::SelectMode(Mode::ProfilePosition));
-    assert!(drive.core.withdraw(back, &mut drive.outputs));
+    assert!(drive.core.withdraw(drive.now, back, &mut drive.outputs));
     assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
 
     // A change that was not written yet leaves nothing to wait for.
@@ -130,7 +134,9 @@ fn nothing_begins_while_the_drive_may_come_to_a_mode_that_was_taken_back() {
     drive.shows_for(3, ENABLED);
     let selecting = drive.submit(TO_HOMING);
     drive.shows(ENABLED);
-    drive.core.withdraw(selecting, &mut drive.outputs);
+    drive
+        .core
+        .withdraw(drive.now, selecting, &mut drive.outputs);
     drive.velocity = 0;
     drive.shows_for(30, REACHED);
     assert_eq!(drive.answer(Command::Move(absolute(50))), None);
@@ -141,7 +147,11 @@ fn nothing_begins_while_the_drive_may_come_to_a_mode_that_was_taken_back() {
     drive.shows(REACHED);
     let selecting = drive.submit(Command::SelectMode(Mode::ProfilePosition));
     drive.shows_for(3, REACHED);
-    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    assert!(
+        drive
+            .core
+            .withdraw(drive.now, selecting, &mut drive.outputs)
+    );
     drive.mode = 1;
     drive.shows(REACHED);
     assert_eq!(drive.answer(Command::Move(absolute(50))), None);
@@ -841,13 +851,17 @@ fn with_a_second_change_given_up(cycles: u32) -> Played {
     let selecting = drive.submit(TO_HOMING);
     drive.shows_for(3, REACHED);
     assert_eq!(drive.outputs[6], 6);
-    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    assert!(
+        drive
+            .core
+            .withdraw(drive.now, selecting, &mut drive.outputs)
+    );
     drive.shows_for(cycles, REACHED);
     drive.position += 15;
     drive.shows(REACHED);
     let other = drive.submit(Command::SelectMode(Mode::ProfileVelocity));
     assert_eq!((drive.outcome(other), drive.outputs[6]), (None, 1));
-    assert!(drive.core.withdraw(other, &mut drive.outputs));
+    assert!(drive.core.withdraw(drive.now, other, &mut drive.outputs));
     drive
 }
 
@@ -937,7 +951,11 @@ fn nothing_begins_after_a_mode_was_written_by_sdo_and_its_selection_was_given_up
             drive.shows_for(60, REACHED);
             assert!(drive.outcome(selecting).is_some());
         } else {
-            assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+            assert!(
+                drive
+                    .core
+                    .withdraw(drive.now, selecting, &mut drive.outputs)
+            );
         }
         // Nothing takes that back.
         let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
@@ -954,7 +972,11 @@ fn nothing_begins_after_a_mode_that_was_written_by_sdo_was_given_up() {
     let selecting = drive.submit(TO_HOMING);
     drive.shows_for(3, REACHED);
     assert_eq!(drive.outcome(selecting), None);
-    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    assert!(
+        drive
+            .core
+            .withdraw(drive.now, selecting, &mut drive.outputs)
+    );
     // Nothing takes it back, however late the drive is.
     drive.shows_for(300, REACHED);
     let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
@@ -975,7 +997,11 @@ fn a_mode_that_was_taken_back_and_is_selected_again_is_not_confirmed_by_the_firs
     let to_moves = Command::SelectMode(Mode::ProfilePosition);
     let selecting = drive.submit(to_moves);
     shows_for(&mut drive, 3);
-    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    assert!(
+        drive
+            .core
+            .withdraw(drive.now, selecting, &mut drive.outputs)
+    );
     shows_for(&mut drive, 3);
     let again = drive.submit(to_moves);
     let mut moving = None;

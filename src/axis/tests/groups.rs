@@ -44,7 +44,7 @@ fn two_groups_do_not_wait_for_each_other_for_ever() {
     ];
     // The first group has failed: `Groups::advance` withdraws its other move, and the second group starts.
     assert_eq!(x.outcome(first[0]), Some(Err(Failure::Superseded)));
-    assert!(y.core.withdraw(first[1], &mut y.outputs));
+    assert!(y.core.withdraw(y.now, first[1], &mut y.outputs));
     x.shows_for(5, ENABLED);
     y.velocity = 0;
     y.position = 1_000;
@@ -67,7 +67,11 @@ fn a_move_of_no_group_waits_behind_one_of_a_group_that_overtakes_it() {
     let replaces = [3_000, 4_000].map(|to| ask(&mut drive, to, BufferMode::Aborting, true));
     drive.shows_for(5, ENABLED);
     assert!(drive.core.is_armed(replaces[0]));
-    assert!(drive.core.withdraw(replaces[0], &mut drive.outputs));
+    assert!(
+        drive
+            .core
+            .withdraw(drive.now, replaces[0], &mut drive.outputs)
+    );
     drive.shows_for(5, ENABLED);
     assert!(drive.core.is_armed(replaces[1]));
     assert_eq!(drive.outcome(waits), None);

@@ -36,7 +36,7 @@ fn a_jog_that_was_let_go_is_watched_on_where_the_next_is_given_up_before_it_is_s
     let (mut drive, first) = let_go(Played::config(), JogSetPoint::new(20_000));
     drive.shows_for(5, ENABLED);
     let second = drive.submit(Command::Jog(JogSetPoint::new(-20_000)));
-    assert!(drive.core.withdraw(second, &mut drive.outputs));
+    assert!(drive.core.withdraw(drive.now, second, &mut drive.outputs));
     drive.drain();
     assert_eq!(drive.target_velocity(), 0);
     // Its drive follows no 0 in 60FFh.
@@ -90,7 +90,7 @@ fn a_jog_that_was_let_go_comes_to_rest_by_its_own_ramp() {
         if by_stop {
             drive.submit(Command::Stop);
         } else {
-            assert!(drive.core.withdraw(second, &mut drive.outputs));
+            assert!(drive.core.withdraw(drive.now, second, &mut drive.outputs));
             drive.drain();
         }
         assert!(drive.outcome(second).is_some());

@@ -265,21 +265,21 @@ mod loss {
         let mut drive = Played::enabled(Played::config());
         let moving = drive.move_to(5_000);
         let other = crate::axis::CommandId(900);
-        assert!(!drive.core.withdraw(other, &mut drive.outputs));
+        assert!(!drive.core.withdraw(drive.now, other, &mut drive.outputs));
         assert_eq!(drive.word() & 0x10, 0x10);
-        assert!(drive.core.withdraw(moving, &mut drive.outputs));
+        assert!(drive.core.withdraw(drive.now, moving, &mut drive.outputs));
         drive.drain();
         assert_eq!(drive.word() & 0x10, 0);
         assert_eq!(drive.outcome(moving), Some(Err(Failure::Withdrawn)));
 
         let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
         let jog = drive.submit(Command::Jog(JogSetPoint::new(7)));
-        assert!(drive.core.withdraw(jog, &mut drive.outputs));
+        assert!(drive.core.withdraw(drive.now, jog, &mut drive.outputs));
         assert_eq!(drive.target_velocity(), 0);
 
         let mut drive = Played::enabled_in(Mode::Homing, Played::config());
         let homing = drive.submit(HOME);
-        assert!(drive.core.withdraw(homing, &mut drive.outputs));
+        assert!(drive.core.withdraw(drive.now, homing, &mut drive.outputs));
         drive.shows_for(10, REACHED);
         assert_eq!(drive.word() & 0x10, 0);
 
@@ -288,12 +288,20 @@ mod loss {
             let mut drive = Played::enabled(Played::config());
             let selecting = drive.submit(Command::SelectMode(Mode::Homing));
             drive.shows_for(cycles, REACHED);
-            assert!(!drive.core.withdraw(other, &mut drive.outputs));
-            assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+            assert!(!drive.core.withdraw(drive.now, other, &mut drive.outputs));
+            assert!(
+                drive
+                    .core
+                    .withdraw(drive.now, selecting, &mut drive.outputs)
+            );
             drive.drain();
             assert_eq!(drive.outcome(selecting), Some(Err(Failure::Withdrawn)));
             assert_eq!(drive.outputs[6], 1);
-            assert!(!drive.core.withdraw(selecting, &mut drive.outputs));
+            assert!(
+                !drive
+                    .core
+                    .withdraw(drive.now, selecting, &mut drive.outputs)
+            );
         }
     }
 
