@@ -37,37 +37,37 @@ pub(crate) const PHASES: [Phase; 6] = [
     Phase {
         name: "standing",
         cycles: 100,
-        bound: 80.0,
+        bound: 88.0,
     },
     // The same, but the position of one axis in eight dithers: it is another by an increment in each cycle.
     Phase {
         name: "some dither",
         cycles: 100,
-        bound: 135.0,
+        bound: 160.0,
     },
     // The position of each of them does.
     Phase {
         name: "all dither",
         cycles: 100,
-        bound: 300.0,
+        bound: 490.0,
     },
     // Every axis on its way; 6064h and 606Ch are others in each cycle.
     Phase {
         name: "moving",
         cycles: 100,
-        bound: 405.0,
+        bound: 500.0,
     },
     // Every axis is given another move, which is acknowledged, and bits 4 and 12 are low again.
     Phase {
         name: "handshake",
         cycles: 10,
-        bound: 1225.0,
+        bound: 2420.0,
     },
     // No frame comes back.
     Phase {
         name: "stale",
         cycles: 5,
-        bound: 335.0,
+        bound: 445.0,
     },
 ];
 

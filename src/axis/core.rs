@@ -78,11 +78,17 @@ impl Known {
         self.step(machines, now, Elapsed::default())
     }
 
-    /// How long it is since the machines were stepped, up to now.
-    fn elapse_to(&mut self, now: Duration) -> Elapsed {
+    /// How long it is since the machines were stepped, up to now. Without inputs: the time since they came last does not count.
+    fn elapse_to(&mut self, now: Duration, answered: bool) -> Elapsed {
         let now = nanoseconds(now);
-        let stepped = core::mem::replace(&mut self.stepped.0, now);
-        Elapsed(now.saturating_sub(stepped))
+        let left_out = if answered {
+            0
+        } else {
+            self.observed.answered_at().saturating_sub(self.stepped.0)
+        };
+        let next = now.saturating_sub(left_out);
+        let stepped = core::mem::replace(&mut self.stepped.0, next);
+        Elapsed(next.saturating_sub(stepped))
     }
 
     #[cfg(feature = "std")]
@@ -93,10 +99,12 @@ impl Known {
     }
 }
 
-/// When the machines have to be stepped, whatever the inputs are, and whether each change of the position counts.
+/// When the machines have to be stepped, whatever the inputs are; when inputs are to be looked at, though they are the same; and whether
+/// each change of the position counts.
 #[derive(Debug, Clone, Copy, Default)]
 struct Attention {
     due: u64,
+    looks: u64,
     follows_position: bool,
 }
 
@@ -150,17 +158,20 @@ impl AxisCore {
         outputs: &mut [u8],
     ) -> bool {
         self.report.0.cycle = self.report.0.cycle.wrapping_add(1);
-        if unchanged && self.stays(now, &inputs) {
+        let at = nanoseconds(now);
+        if unchanged && self.stays(at, &inputs) {
             return false;
         }
-        if self.machines.has_unsent() {
+        // What is unsent is due.
+        let is_due = at >= self.attention.0.due;
+        if is_due && self.machines.has_unsent() {
             self.mark_sent(now);
         }
         let number = self.report.0.cycle;
         let known = &mut self.known;
         let news = known
             .observed
-            .take_in(now, number, &inputs, &known.config.0, &known.bounds.0);
+            .take_in(at, number, &inputs, &known.config.0, &known.bounds.0);
         let answered = self.known.observed.link.answered;
         let change = &mut self.report.0.change;
         *change = change.and(news.change(answered));
@@ -169,9 +180,8 @@ impl AxisCore {
             News::Position => self.attention.0.follows_position,
             News::Shown | News::Lost | News::Silent => true,
         };
-        let is_due = answered && nanoseconds(now) >= self.attention.0.due;
         // The first one writes what is kept from then on.
-        if counts || is_due || number == 1 {
+        if counts || (answered && is_due) || number == 1 {
             self.step_machines(now, news, outputs);
             return true;
         }
@@ -180,8 +190,8 @@ impl AxisCore {
 
     #[inline(never)]
     fn step_machines(&mut self, now: Duration, news: News, outputs: &mut [u8]) {
-        let elapsed = self.known.elapse_to(now);
         let answered = self.known.observed.link.answered;
+        let elapsed = self.known.elapse_to(now, answered);
         if answered {
             let waits = self.machines.awaits_standstill();
             self.known
@@ -440,9 +450,11 @@ impl AxisCore {
         self.compose(outputs);
         let in_mode = self.known.observed.mode() == self.machines.modes.active()
             && self.machines.is_stepped_in(self.known.observed.state());
-        let due = self.machines.due(in_mode).sooner(self.known.observed.due());
+        let due = self.machines.due(in_mode);
+        let looks = due.sooner(self.known.observed.due());
         let attention = &mut self.attention.0;
         attention.due = due.after(self.known.stepped.0);
+        attention.looks = looks.after(self.known.stepped.0);
         attention.follows_position = self.machines.follows_position(in_mode);
     }
 
@@ -454,7 +466,7 @@ impl AxisCore {
 
     /// The next cycle is not left out.
     const fn step_next(&mut self) {
-        self.attention.0.due = 0;
+        (self.attention.0.due, self.attention.0.looks) = (0, 0);
     }
 
     fn compose(&mut self, outputs: &mut [u8]) {
@@ -484,10 +496,10 @@ impl AxisCore {
 
     /// Whether a step with these inputs, which are those of the last one, does nothing but count the cycle.
     #[inline]
-    const fn stays(&self, now: Duration, inputs: &Inputs<'_>) -> bool {
+    const fn stays(&self, at: u64, inputs: &Inputs<'_>) -> bool {
         matches!(inputs, Inputs::Fresh(_))
             && self.known.observed.link.is_whole()
-            && nanoseconds(now) < self.attention.0.due
+            && at < self.attention.0.looks
     }
 }
 
@@ -503,7 +515,7 @@ impl AxisCore {
     /// port has taken in everything.
     #[inline]
     pub(crate) fn rests_at(&self, now: Duration, inputs: &Inputs<'_>) -> bool {
-        self.stays(now, inputs) && self.report.0.change == SnapshotChange::Nothing
+        self.stays(nanoseconds(now), inputs) && self.report.0.change == SnapshotChange::Nothing
     }
 
     /// Counts the steps that were left out: there were so many in all.

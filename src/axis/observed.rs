@@ -148,7 +148,7 @@ impl Observed {
     #[inline]
     pub fn take_in(
         &mut self,
-        now: Duration,
+        now: u64,
         number: u64,
         inputs: &Inputs<'_>,
         config: &CoreConfig,
@@ -163,52 +163,72 @@ impl Observed {
             .and_then(|bytes| config.fields.sample(bytes, self.noted_mode))
             // A statusword of no state is no answer.
             .filter(|sample| sample.state() != State::Unknown);
-        let was_stale = self.link.stale;
-        let was_whole = was_stale == 0 && self.link.delivered;
-        let lost = self.link.note(sample.is_some(), delivered, &config.loss);
-        let at = nanoseconds(now);
+        let was_stale = self.link.stale > 0;
+        let was_whole = !was_stale && self.link.delivered;
+        let is_whole = sample.is_some() && delivered;
+        let lost = if was_whole && is_whole && !self.link.lost {
+            None
+        } else {
+            self.link.note(sample.is_some(), delivered, &config.loss)
+        };
         let Some(sample) = sample else {
-            if was_stale == 0 {
-                self.timing.0.begin_to_miss(at, number);
+            if !was_stale {
+                self.timing.0.begin_to_miss(now, number);
             }
             return lost.unwrap_or(News::None);
         };
-        let (elapsed, stalled) = self.timing.0.note(at, number);
-        let missing = if was_stale > 0 {
-            at.saturating_sub(self.timing.0.answered)
-        } else if stalled {
-            elapsed.0
-        } else {
-            0
+        let (elapsed, stalled) = self.timing.0.note(now, number);
+        let blind = (was_stale || stalled) && {
+            let missing = if was_stale {
+                now.saturating_sub(self.timing.0.answered)
+            } else {
+                elapsed.0
+            };
+            missing > nanoseconds(bounds.settle) / 8 * 3
         };
-        let blind = missing > nanoseconds(bounds.settle) / 8 * 3;
-        let before = self.sample.replace(sample);
-        self.before = before.map_or(sample.position, |before| before.position);
+        let news = self.take_sample(sample, elapsed, blind, config, bounds);
+        let was_blind = core::mem::replace(&mut self.blind, blind);
+        match lost {
+            Some(lost) => lost,
+            None if blind || was_blind || !(was_whole && is_whole) => News::Shown,
+            None => news,
+        }
+    }
+
+    #[inline(always)]
+    fn take_sample(
+        &mut self,
+        sample: Sample,
+        elapsed: Elapsed,
+        blind: bool,
+        config: &CoreConfig,
+        bounds: &Bounds,
+    ) -> News {
         let rest = self
             .standstill
             .update(sample.position, elapsed, blind, bounds);
-        let mut news = News::None;
-        if rest != self.rest {
-            self.rest = rest;
-            news = News::Shown;
-        }
-        let is_same = before.is_some_and(|before| {
+        let before = self.sample.replace(sample);
+        self.before = before.map_or(sample.position, |before| before.position);
+        let stays = before.is_some_and(|before| {
             before.statusword == sample.statusword
                 && before.mode == sample.mode
                 && before.error_code == sample.error_code
         });
-        if !(is_same && self.bits_due() == Due::NEVER) {
+        if !(stays && self.bits_are_sure()) {
             self.show_bits(sample.statusword, elapsed, config);
-            news = News::Shown;
+        } else if rest == self.rest {
+            let moved = before.is_none_or(|before| {
+                before.position != sample.position || before.velocity != sample.velocity
+            });
+            return if moved { News::Position } else { News::None };
         }
-        if blind || self.blind || !delivered || !was_whole {
-            news = News::Shown;
-        }
-        self.blind = blind;
-        if news == News::None && before.is_none_or(|before| before != sample) {
-            news = News::Position;
-        }
-        lost.unwrap_or(news)
+        self.rest = rest;
+        News::Shown
+    }
+
+    const fn bits_are_sure(&self) -> bool {
+        let bits = [self.reached, self.acknowledge, self.error];
+        bits[0].bit().is_sure() && bits[1].bit().is_sure() && bits[2].bit().is_sure()
     }
 
     fn show_bits(&mut self, word: Statusword, elapsed: Elapsed, config: &CoreConfig) {
@@ -278,6 +298,11 @@ impl Observed {
         {
             sample.mode = mode;
         }
+    }
+
+    /// When inputs came last, of a drive that does not answer.
+    pub const fn answered_at(&self) -> u64 {
+        self.timing.0.answered
     }
 
     /// When it has something to do without another word of the drive.

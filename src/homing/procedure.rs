@@ -414,7 +414,8 @@ impl Run {
         if late {
             return Some(Err(self.timeout(cycle)));
         }
-        if !self.has_begun() && self.start.is_over() {
+        // A bit 12 that has just changed may be its answer.
+        if !self.has_begun() && self.start.is_over() && cycle.evidence.acknowledge.is_sure() {
             if error {
                 // An error that has stood all the time. With the drive at rest it did not even begin.
                 return self.error(cycle, true);

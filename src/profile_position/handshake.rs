@@ -94,8 +94,9 @@ pub(super) enum Stage {
     },
     /// The frame that has brought it shows nothing of it yet.
     Fresh { full: bool },
-    /// Bit 12 was low: it will rise. `early`: it has been high since the frame that brought bit 4, or one of those whose inputs are missing.
-    Awaited { early: bool },
+    /// Bit 12 was low: it will rise. `early`: while it has been high since the frame that brought bit 4, or one of those whose inputs are
+    /// missing, until the drive has seen bit 4.
+    Awaited { early: Option<UntilSeen> },
     /// Two are held, for all that is known.
     Full(Full),
 }
@@ -270,14 +271,19 @@ impl Raised {
                 self.stage = if full {
                     Stage::Full(Full::NEW)
                 } else {
-                    Stage::Awaited { early: high }
+                    Stage::Awaited {
+                        early: high.then_some(UntilSeen::UNDELIVERED),
+                    }
                 };
                 return None;
             }
             Stage::Awaited { early } => {
-                *early &= high;
-                // D1: what was high that early may be wrong.
-                if high && (!*early || cycle.evidence.acknowledge.is_high()) {
+                *early = early.filter(|_| high);
+                // D1: what was high that early may be wrong, and so may the low before it.
+                if let Some(early) = early {
+                    early.update(cycle.delivered, cycle.elapsed, cycle.rules.seen());
+                }
+                if high && early.is_none_or(UntilSeen::is_seen) {
                     return Some(Ok(true));
                 }
             }
@@ -295,7 +301,7 @@ impl Raised {
                 full.seen.update(cycle.delivered, cycle.elapsed, seen);
                 full.shown += u8::from(full.seen.is_seen());
                 if full.fell.is_some_and(Timer::is_over) {
-                    self.stage = Stage::Awaited { early: false };
+                    self.stage = Stage::Awaited { early: None };
                 } else if full.shown > SHOWN_AFTER {
                     // One that replaces none finds no place in a full buffer.
                     return Some(if self.sent.request.replaces() {

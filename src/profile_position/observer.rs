@@ -267,7 +267,9 @@ impl Observer {
         } else {
             left
         };
-        self.note_sightings(cycle, known, before);
+        if !self.is_alone_under_way() || known.on_its_way != OnItsWay::Nothing {
+            self.note_sightings(cycle, known, before);
+        }
         if evidence.stands() || self.has_left(evidence, &cycle.rules) {
             self.place = evidence.rest;
         }
@@ -287,11 +289,12 @@ impl Observer {
         for (place, entry) in self.entries.iter_mut().enumerate() {
             let Some(entry) = entry else { continue };
             entry.seen.pass(cycle.elapsed);
-            if !self
-                .worlds
-                .has(Worlds::WAITING.and(Worlds::of_entry(place)))
-            {
+            let waits = Worlds::WAITING.and(Worlds::of_entry(place));
+            if !self.worlds.has(waits) {
                 entry.begun.pass(cycle.elapsed);
+            }
+            if place == 0 {
+                entry.begin.pass(cycle.elapsed);
             }
         }
         if cycle.halted {
@@ -301,9 +304,6 @@ impl Observer {
                 (entry.seen, entry.begun) = (rules.seen(), rules.seen());
             }
             return;
-        }
-        if let Some(first) = &mut self.entries[0] {
-            first.begin.pass(cycle.elapsed);
         }
         let (reached, settle) = (evidence.reached, rules.bounds.settle);
         let bounds = rules.bounds;
@@ -324,11 +324,11 @@ impl Observer {
         }
     }
 
-    /// Whether the axis has left the place where it stood.
+    /// Whether the axis has left the place where it stood: anywhere within the window of where it rests, on either side (A1).
     fn has_left(&self, evidence: &Evidence, rules: &Rules<'_>) -> bool {
-        let position = evidence.position;
-        self.place
-            .is_some_and(|place| !rules.bounds.is_within_window(place, position))
+        let reach = u64::from(rules.bounds.position) * 2;
+        let distance = |place| u64::from(rules.bounds.distance(place, evidence.position));
+        self.place.is_some_and(|place| distance(place) > reach)
     }
 
     /// Whether the axis, which was at the first end, has covered half of the way to the second (A2). None where that shows nothing.
@@ -366,8 +366,10 @@ impl Observer {
         let stands = evidence.stands();
         // S4: with bit 10 low the last one has not ended.
         rule(low, Worlds::DONE.or(Worlds::RUNS_ON));
-        // S4: with bit 10 high none is under way at rest, but for one that is sure to be the active one: it settles.
-        rule(high && stands && !full, Worlds::RUNNING);
+        // S4: with bit 10 high none is under way at rest, but for one that is sure to be the active one: it settles. That it stood before it
+        // set off is no rest.
+        let rests = stands && self.high.has_lasted();
+        rule(rests && !full, Worlds::RUNNING);
         // A1: an axis that leaves its rest is led by the first, which has begun.
         rule(
             self.has_left(evidence, rules),
@@ -462,9 +464,10 @@ impl Observer {
         if let [Some(first), Some(second)] = self.entries
             && !self.worlds.has(Worlds::FIRST)
         {
-            self.report(0, first.passed_into(second.start, cycle), events);
+            let outcome = first.passed_into(second.start, cycle);
+            self.report(0, outcome, events);
             let mut second = second;
-            if second.behind == Behind::Distance && !first.was_met() {
+            if second.behind == Behind::Distance && outcome.is_err() {
                 second.ends = Ends::ANYWHERE;
             }
             if known.room.is_some() {
@@ -500,6 +503,10 @@ impl Observer {
         let ends_are_known = entry.ends.are_known(rules.bounds);
         let at_end = entry.ends.contain(position, rules.bounds);
         let waits = self.worlds.has(Worlds::WAITING);
+        if known.on_its_way != OnItsWay::Nothing {
+            // What shows may be of the next one.
+            return false;
+        }
         if self.worlds == Worlds::RUNS_ON.and(Worlds::FIRST) {
             // It stays: the axis goes on, until another is taken.
             let outcome = entry.passed_into(BufferMode::Buffered, cycle);
@@ -519,16 +526,13 @@ impl Observer {
         if reached {
             self.report(0, Ok(Completion::Reached { position }), events);
             self.last_ends = Some(entry.ends);
-            if !waits {
-                self.clear();
+            match &mut self.entries[0] {
+                Some(entry) if waits => entry.meet(position),
+                _ => self.clear(),
             }
             return false;
         }
         if self.worlds == Worlds::DONE.and(Worlds::FIRST) {
-            if known.on_its_way != OnItsWay::Nothing {
-                // What shows may be of the next one.
-                return false;
-            }
             let elsewhere = !entry.ends.may_contain(position, rules.bounds);
             let failure = if ends_are_known && elsewhere {
                 Failure::MissedTarget {
@@ -665,11 +669,16 @@ impl Observer {
         due
     }
 
-    /// Whether each position counts. While the only one is surely under way, bit 10 and rest alone end it.
+    /// Whether the only one is surely under way, from rest to rest: bit 10 and rest alone end it.
+    fn is_alone_under_way(&self) -> bool {
+        self.worlds == Worlds::RUNNING.and(Worlds::FIRST)
+            && matches!(&self.entries, [Some(only), None] if !(only.turns || only.runs_on))
+    }
+
+    /// Whether each position counts.
     pub fn follows_position(&self) -> bool {
-        let is_under_way = self.worlds.without(Worlds::RUNNING).is_empty();
-        self.has_untold() && !(is_under_way && self.count() == 1 && !self.runs_on())
-            || self.count() == HELD
+        let is_on_its_way = self.is_alone_under_way() && self.place.is_none();
+        self.count() == HELD || (self.has_untold() && !is_on_its_way)
     }
 }
 

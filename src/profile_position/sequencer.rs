@@ -531,8 +531,8 @@ impl Sequencer {
         // It counts from where the axis is or was led to. What has not ended may lead it on before the drive takes this one.
         let bounds = rules.bounds;
         let untold = self.observer.untold(bounds);
-        let arrived = previous.filter(|ends| ends.contain(position, bounds));
-        let arrived = arrived.filter(|_| untold.is_none());
+        let is_there = |ends: &Ends| ends.are_known(bounds) && ends.contain(position, bounds);
+        let arrived = previous.filter(is_there).filter(|_| untold.is_none());
         if self.observer.runs_on() || !(cycle.evidence.stands() || arrived.is_some()) {
             return Ends::ANYWHERE;
         }

@@ -479,8 +479,6 @@ impl World {
             }
             deviations.sort_unstable();
         }
-        // Steps are computed as a whole: what may be left out of them is shown to be the same elsewhere.
-        self.core.set_manufacturer_bits(Controlword::empty());
         let mut resumed = false;
         let act = ACTS[usize::from(act)];
         match act {
@@ -529,6 +527,8 @@ impl World {
         } else {
             Inputs::Stale
         };
+        // Steps are computed as a whole: what may be left out of them is shown to be the same elsewhere.
+        self.core.set_manufacturer_bits(Controlword::empty());
         self.core
             .step_kept(self.now, inputs, false, &mut self.outputs);
         self.drain()?;

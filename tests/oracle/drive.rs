@@ -839,7 +839,13 @@ impl Drive {
             self.around(from, goal)
         };
         let from = behind.map_or(self.demand, |active| active.to);
-        let limit = self.limit_of(from, goal);
+        // One that goes on at its end is not limited (S5).
+        let stops = out.end_velocity == 0;
+        let limit = if stops {
+            self.limit_of(from, goal)
+        } else {
+            None
+        };
         let known = !relative
             || (!self.base_lost
                 && behind.is_none_or(|before| {
@@ -922,7 +928,7 @@ impl Drive {
         let short = self
             .random
             .pick(&[2.0 * window, 5.0 * window, 300.0, way * 0.3, way * 0.9]);
-        if short < 2.0 * window || short >= way {
+        if short < 2.0 * window || way - short <= 2.0 * window {
             return None;
         }
         if self.habits.has(Habit::Clamps) {
@@ -1399,7 +1405,7 @@ impl Drive {
             if self.making.ack == Ack::Handshake && self.has(Habit::AckOfOneCycle) {
                 self.ack_pulse = true;
             }
-            if self.has(Habit::AckOf100Ms) {
+            if self.making.ack == Ack::Handshake && self.has(Habit::AckOf100Ms) {
                 self.ack_hold = self.ticks(0.1);
             }
         } else if self.ack_pulse {
