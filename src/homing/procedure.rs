@@ -414,8 +414,9 @@ impl Run {
         if late {
             return Some(Err(self.timeout(cycle)));
         }
-        // A bit 12 that has just changed may be its answer.
-        if !self.has_begun() && self.start.is_over() && cycle.evidence.acknowledge.is_sure() {
+        // What has just changed may be its answer.
+        let is_sure = cycle.evidence.acknowledge.is_sure() && cycle.evidence.reached.is_sure();
+        if !self.has_begun() && self.start.is_over() && is_sure {
             if error {
                 // An error that has stood all the time. With the drive at rest it did not even begin.
                 return self.error(cycle, true);

@@ -268,12 +268,11 @@ impl Raised {
             // What the frame shows that brings bit 4 is from before it, and no answer.
             &mut Stage::Fresh { full } => {
                 self.sent.answer = cycle.rules.timer(cycle.rules.acknowledge);
+                let early = high.then_some(UntilSeen::UNDELIVERED);
                 self.stage = if full {
                     Stage::Full(Full::NEW)
                 } else {
-                    Stage::Awaited {
-                        early: high.then_some(UntilSeen::UNDELIVERED),
-                    }
+                    Stage::Awaited { early }
                 };
                 return None;
             }

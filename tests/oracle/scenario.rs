@@ -557,6 +557,7 @@ impl Scenario {
             self.sample = Sample::read(&image);
         }
         self.now += self.period;
+        self.note_low();
         self.ran += 1;
         self.stepping = Some(self.told);
         self.host.step(self.now, self.told, &image);

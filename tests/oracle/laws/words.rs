@@ -144,16 +144,19 @@ impl Scenario {
         self.bad_word("a set-point stays as it is under a high bit 4")
     }
 
+    /// What came back with the word that was sent.
+    pub fn note_low(&mut self) {
+        let delivered = self.told == Told::Fresh && !self.sent.bit(4);
+        if delivered && self.watch.low.is_none() {
+            self.watch.low = Some((self.now, self.sample.word & ACKNOWLEDGE != 0));
+        }
+    }
+
     /// No bit outlives what set it.
     fn judge_bits(&mut self, rises: u16) -> Result<(), ()> {
         const LAW: &str = "no bit outlives what set it";
         let (word, before) = (self.sent.word, self.sent_before.word);
-        if !self.sent.bit(4) {
-            let delivered = self.told == Told::Fresh && !self.sent_before.bit(4);
-            if delivered && self.watch.low.is_none() {
-                self.watch.low = Some((self.now, self.sample.word & ACKNOWLEDGE != 0));
-            }
-        } else {
+        if self.sent.bit(4) {
             self.watch.low = None;
         }
         let starts = !self.sent.bit(4) && word & START_BITS != 0;
