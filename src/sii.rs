@@ -149,13 +149,26 @@ pub struct SiiError {
     pub needed: usize,
 }
 
+/// A text of a device. Who shows it is to be sure that it moves no cursor and makes no line: control characters become U+FFFD.
+pub(crate) fn text_of_device(bytes: &[u8]) -> String {
+    let text = String::from_utf8_lossy(bytes);
+    let shown = text.chars().map(|char| {
+        if char.is_control() {
+            char::REPLACEMENT_CHARACTER
+        } else {
+            char
+        }
+    });
+    shown.collect()
+}
+
 fn strings(bytes: &mut Bytes<'_>) -> Result<Vec<String>, SiiError> {
     let [count] = bytes.array()?;
     let mut strings = Vec::new();
     for _ in 0..count {
         let [length] = bytes.array()?;
         let text = bytes.take(usize::from(length))?;
-        strings.push(String::from_utf8_lossy(text.rest()).into_owned());
+        strings.push(text_of_device(text.rest()));
     }
     Ok(strings)
 }

@@ -67,8 +67,12 @@ impl Gate {
         path: &str,
     ) -> Option<(StatusCode, &'static str, &'static str)> {
         let text = |name: &HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
-        let own = ["127.0.0.1", "localhost"].map(|name| format!("{name}:{}", self.port));
-        let is_own = |host: &str| own.iter().any(|own| own == host);
+        let names = ["127.0.0.1", "localhost"];
+        let own = names.map(|name| format!("{name}:{}", self.port));
+        // Browsers leave out the port that http has.
+        let is_own = |host: &str| {
+            own.iter().any(|own| own == host) || self.port == 80 && names.contains(&host)
+        };
         if !text(&HOST).is_some_and(is_own) {
             return Some((
                 StatusCode::FORBIDDEN,
@@ -159,6 +163,14 @@ mod tests {
             assert_eq!(code(&headers), Some("wrong_host"), "{name}");
         }
         assert_eq!(code(&[(AUTHORIZATION, &bearer)]), Some("wrong_host"));
+        let usual = Gate {
+            port: 80,
+            ..gate.clone()
+        };
+        for name in ["localhost", "127.0.0.1", "localhost:80"] {
+            let own = HeaderMap::from_iter([(HOST, HeaderValue::from_static(name))]);
+            assert_eq!(usual.refusal(&own, "/"), None, "{name}");
+        }
         let none = HeaderMap::from_iter([(HOST, HeaderValue::from_static("localhost:8080"))]);
         assert_eq!(
             gate.refusal(&none, "/"),

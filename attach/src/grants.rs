@@ -122,15 +122,16 @@ pub struct AskedFor {
 pub(crate) type Asks = mpsc::Sender<AskedFor>;
 
 /// The objects of a first axis that the library writes, or has read and relies on.
-const OWNED: [u16; 38] = [
+const OWNED: [u16; 44] = [
     0x6007, 0x6040, 0x6042, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6060, 0x6065, 0x6067, 0x6068,
     0x606D, 0x606E, 0x606F, 0x6070, 0x6071, 0x607A, 0x607B, 0x607C, 0x607D, 0x607E, 0x607F, 0x6080,
-    0x6081, 0x6082, 0x6083, 0x6084, 0x6085, 0x6086, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60C5, 0x60C6,
-    0x60F2, 0x60FF,
+    0x6081, 0x6082, 0x6083, 0x6084, 0x6085, 0x6086, 0x60A3, 0x60A4, 0x60A8, 0x60A9, 0x60AA, 0x60B0,
+    0x60B1, 0x60B2, 0x60C1, 0x60C2, 0x60C5, 0x60C6, 0x60F2, 0x60FF,
 ];
 
 /// Whether the library itself writes this object or relies on what it holds: those of motion (targets and offsets of set-points in all
-/// modes), for each of eight axes, the homing 6098h to 609Ah, the factors 608Fh to 6097h, and all of 1000h to 1FFFh (PDO mapping, sync managers, stored parameters).
+/// modes, jerks, the interpolation time), for each of eight axes, the homing 6098h to 609Ah, the factors 608Fh to 6097h and the SI units
+/// 60A8h to 60AAh, and all of 1000h to 1FFFh (PDO mapping, sync managers, stored parameters).
 pub(crate) fn is_owned(object: ObjectAddress) -> bool {
     match object.index {
         0x1000..=0x1FFF => true,
@@ -149,7 +150,8 @@ mod tests {
     #[test]
     fn the_objects_of_motion_of_every_axis_are_the_librarys_and_those_of_the_maker_are_not() {
         for index in [
-            0x1018, 0x1C12, 0x6040, 0x6840, 0x9860, 0x605A, 0x6898, 0x6091, 0x6093, 0x6894,
+            0x1018, 0x1C12, 0x6040, 0x6840, 0x9860, 0x605A, 0x6898, 0x6091, 0x6093, 0x6894, 0x60A8,
+            0x60A9, 0x60AA, 0x60A4, 0x68A4, 0x60C2, 0x68C2,
         ] {
             assert!(is_owned(ObjectAddress::new(index, 0)), "{index:04X}h");
         }

@@ -125,9 +125,9 @@ pub enum AttachError {
         "`{0}` cannot name a socket: use the name of the network interface (letters, digits, `-`, `_` and `.`)"
     )]
     Name(String),
-    /// Others may change what is in the directory.
+    /// Others may change what is in the directory, or it is a link.
     #[error(
-        "{} does not belong to this user, or others may write to it: make it with mode 0700, or name another directory",
+        "{} is no directory, does not belong to this user, or others may write to it: make it with mode 0700, or name another directory",
         .0.display()
     )]
     Directory(PathBuf),

@@ -2,20 +2,24 @@
 //!
 //! A subscriber may block: a paused terminal, a full pipe, a slow disk. The server's thread therefore calls none: it puts lines into a
 //! bounded queue, and a thread of its own makes events of them. A line that finds the queue full is counted, and the number is logged in
-//! its place.
+//! its place. A line is no longer than [`LENGTH`], shows control characters by their number, and no more than [`ROOM`] are written in a second:
+//! whoever asks without being allowed to fills no disk.
 
 use std::{
     collections::VecDeque,
     fmt,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
 };
 
 use tracing::{Dispatch, Level, dispatcher, level_filters::LevelFilter, subscriber::NoSubscriber};
 
 const LOG: &str = "servocrab::attach";
-/// Lines that wait for the thread that writes them.
+/// Lines that wait for the thread that writes them, and that it writes in a second.
 const ROOM: usize = 256;
+/// Characters of a line.
+const LENGTH: usize = 400;
 
 /// Where lines are put.
 #[derive(Debug, Clone, Default)]
@@ -64,7 +68,7 @@ impl Log {
         if level > LevelFilter::current() {
             return;
         }
-        self.0.push(Line::Text(level, text.to_string()));
+        self.0.push(Line::Text(level, shown(&text.to_string())));
     }
 
     /// Has [`write_all`](Self::write_all) end, once it has written what waits.
@@ -75,10 +79,55 @@ impl Log {
 
     /// Makes events of all lines for this subscriber, until the log is closed.
     pub fn write_all(&self, subscriber: &Subscriber) {
+        let mut pace = Pace::default();
         while let Some(line) = self.0.next() {
+            if let Some(pause) = pace.pause(Instant::now()) {
+                self.0.rest(pause);
+            }
             // A subscriber that panics has cost the line that it was given, and no other one.
             let _ = catch_unwind(AssertUnwindSafe(|| subscriber.of(|| line.write())));
         }
+    }
+}
+
+/// A line as it is logged.
+fn shown(text: &str) -> String {
+    let mut line = String::new();
+    for char in text.chars().take(LENGTH) {
+        if char.is_control() {
+            line.extend(char.escape_unicode());
+        } else {
+            line.push(char);
+        }
+    }
+    if text.chars().nth(LENGTH).is_some() {
+        line.push('…');
+    }
+    line
+}
+
+/// How many lines were written in this second.
+#[derive(Debug, Default)]
+struct Pace {
+    since: Option<Instant>,
+    lines: usize,
+}
+
+impl Pace {
+    /// A line is written now: how long to wait before.
+    fn pause(&mut self, now: Instant) -> Option<Duration> {
+        let second = Duration::from_secs(1);
+        let since = *self.since.get_or_insert(now);
+        let left = second.saturating_sub(now.saturating_duration_since(since));
+        let is_full = self.lines == ROOM && !left.is_zero();
+        if is_full || left.is_zero() {
+            *self = Self {
+                since: Some(now + if is_full { left } else { Duration::ZERO }),
+                lines: 0,
+            };
+        }
+        self.lines += 1;
+        is_full.then_some(left)
     }
 }
 
@@ -95,6 +144,15 @@ impl Queue {
             waiting.lines.push_back(line);
         }
         self.changed.notify_all();
+    }
+
+    /// Waits for so long, or for the end.
+    fn rest(&self, time: Duration) {
+        let goes_on = |waiting: &mut Waiting| !waiting.is_over;
+        drop(
+            self.changed
+                .wait_timeout_while(self.waiting(), time, goes_on),
+        );
     }
 
     /// Waits for the next line; `None` at the end.
@@ -229,6 +287,31 @@ mod tests {
             "DEBUG message=four",
         ];
         assert_eq!(lines, expected);
+    }
+
+    #[test]
+    fn a_line_is_short_and_moves_no_cursor() {
+        let log = Log::default();
+        let lines = seen(&log, || {
+            log.warn(format_args!("refused /\u{1b}[2J\n{}", "x".repeat(8_000)));
+        });
+        let [line] = &lines[..] else {
+            panic!("{lines:?}")
+        };
+        assert!(line.starts_with("WARN message=refused /\\u{1b}[2J\\u{a}xxx"));
+        assert!(line.ends_with("x…") && line.len() < 450, "{}", line.len());
+    }
+
+    #[test]
+    fn no_more_lines_are_written_in_a_second_than_there_is_room_for() {
+        let mut pace = Pace::default();
+        let begin = Instant::now();
+        let at = |ms| begin + Duration::from_millis(ms);
+        assert!((0..ROOM).all(|_| pace.pause(at(10)).is_none()));
+        assert_eq!(pace.pause(at(300)), Some(Duration::from_millis(710)));
+        assert!((1..ROOM).all(|_| pace.pause(at(1_010)).is_none()));
+        assert!(pace.pause(at(1_010)).is_some());
+        assert_eq!(pace.pause(at(9_000)), None);
     }
 
     #[test]

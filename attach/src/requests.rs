@@ -8,7 +8,7 @@ use axum::{
         DefaultBodyLimit, Path, Query, RawQuery, Request, State, WebSocketUpgrade, ws::WebSocket,
     },
     http::{HeaderValue, StatusCode, header::CONTENT_TYPE},
-    middleware::{Next, from_fn_with_state},
+    middleware::{Next, from_fn_with_state, map_response},
     response::{IntoResponse, Response},
     routing::{get, post},
 };
@@ -73,12 +73,25 @@ pub(crate) fn router(shown: Shown, start: HeaderValue) -> Router {
             )
         })
         .layer(DefaultBodyLimit::max(BODY))
+        .layer(map_response(in_json))
         .with_state(shown)
 }
 
 const NO_REQUEST: &str = "there is no such request: /v1/line, /v1/axes, /v1/ios, /v1/statistics, /v1/grants, /v1/events, /v1/emergencies, \
                           /v1/events/NUMBER/black_box, /v1/od/DRIVE, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/od/DRIVE/information, /v1/stream, /v1/control, /metrics; by POST \
                           /v1/axes/NAME/stop, enable, disable, reset_fault, move and home, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/quick_stop";
+
+/// A refusal that was made before a request was understood, as all others are.
+async fn in_json(response: Response) -> Response {
+    let status = response.status();
+    let kind = response.headers().get(CONTENT_TYPE);
+    let is_json = kind.is_some_and(|kind| kind == "application/json");
+    if is_json || !(status.is_client_error() || status.is_server_error()) {
+        return response;
+    }
+    let reason = status.canonical_reason().unwrap_or("it is refused");
+    Refusal::new(status, "not_understood", reason).into_response()
+}
 
 /// Refuses what is asked of another start, and says which one this is.
 async fn of_this_start(State(start): State<HeaderValue>, request: Request, next: Next) -> Response {

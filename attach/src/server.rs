@@ -5,7 +5,7 @@ use std::{
     io::{self, ErrorKind},
     net::{Ipv4Addr, SocketAddr, TcpListener as StdTcpListener},
     os::unix::{
-        fs::{DirBuilderExt, MetadataExt, PermissionsExt},
+        fs::{DirBuilderExt, FileTypeExt as _, MetadataExt, PermissionsExt},
         net::{UnixListener as StdListener, UnixStream as StdStream},
     },
     path::{Path, PathBuf},
@@ -324,8 +324,9 @@ fn socket(attach: &Attach) -> Result<PathBuf, AttachError> {
         Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(at_directory(error)),
         _ => {}
     }
-    let found = fs::metadata(&directory).map_err(at_directory)?;
-    if found.uid() != geteuid().as_raw() || found.mode() & 0o022 != 0 {
+    // Of a link somebody else may say where it leads.
+    let found = fs::symlink_metadata(&directory).map_err(at_directory)?;
+    if !found.is_dir() || found.uid() != geteuid().as_raw() || found.mode() & 0o022 != 0 {
         return Err(AttachError::Directory(directory));
     }
     let socket = directory.join(format!("{name}.sock"));
@@ -334,7 +335,16 @@ fn socket(attach: &Attach) -> Result<PathBuf, AttachError> {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(socket),
         // Left over from a program that was killed.
         Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
-            match fs::remove_file(&socket) {
+            let left = fs::symlink_metadata(&socket).map(|left| left.file_type().is_socket());
+            let removed = match left {
+                Ok(true) => fs::remove_file(&socket),
+                Ok(false) => Err(io::Error::new(
+                    ErrorKind::AlreadyExists,
+                    "what is there is no socket, and is left as it is: name another",
+                )),
+                Err(error) => Err(error),
+            };
+            match removed {
                 Ok(()) => Ok(socket),
                 Err(error) => Err(AttachError::Io {
                     path: socket,

@@ -27,6 +27,8 @@ const BLOCK: Duration = Duration::from_millis(40);
 const WAITING: usize = 64;
 /// A client that takes nothing for so long is not served any more.
 pub(crate) const TAKES: Duration = Duration::from_secs(5);
+/// Messages of a client between two blocks: it has nothing to say but that it is there.
+const HEARD: u32 = 64;
 /// Signals of one stream.
 pub(crate) const SIGNALS: usize = 512;
 
@@ -135,10 +137,12 @@ impl Stream {
         }
         // Blocks that this client was too slow for.
         let mut left_out = 0;
+        let mut heard = 0;
         loop {
             tokio::select! {
                 block = self.blocks.recv() => match block {
                     Ok(bytes) => {
+                        heard = 0;
                         if left_out > 0 {
                             let text = json!({"left_out_blocks": left_out}).to_string();
                             left_out = 0;
@@ -158,7 +162,7 @@ impl Stream {
                 },
                 // It has nothing to say; that it goes is heard here.
                 message = socket.recv() => match message {
-                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) if heard < HEARD => heard += 1,
                     _ => return,
                 },
             }

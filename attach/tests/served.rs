@@ -530,6 +530,42 @@ fn the_thread_of_the_server_is_ordinary_although_its_maker_is_real_time() {
 }
 
 #[test]
+fn what_is_not_understood_is_refused_in_json_too() {
+    let net = machine();
+    let (_runtime, attached) = shown(&net, |attach| {
+        attach.grant(servocrab_attach::Grant::Parameters)
+    });
+    let long = "x".repeat(70_000);
+    let requests = [
+        (
+            413,
+            format!(
+                "POST /v1/od/0/6081h/0 HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n{long}",
+                long.len()
+            ),
+        ),
+        (
+            415,
+            "POST /v1/od/0/6081h/0 HTTP/1.1\r\nHost: x\r\nContent-Length: 2\r\n\r\n{}".to_owned(),
+        ),
+    ];
+    for (status, request) in requests {
+        let mut stream = std::os::unix::net::UnixStream::connect(attached.socket()).unwrap();
+        let _ = std::io::Write::write_all(&mut stream, request.as_bytes());
+        let mut answer = vec![0; 4096];
+        let read = std::io::Read::read(&mut stream, &mut answer).unwrap();
+        let answer = String::from_utf8_lossy(&answer[..read]).into_owned();
+        assert!(
+            answer.starts_with(&format!("HTTP/1.1 {status}")),
+            "{answer}"
+        );
+        assert!(answer.contains("application/json"), "{answer}");
+    }
+    drop(attached);
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+#[test]
 fn a_socket_in_use_an_open_directory_and_a_path_for_a_name_are_refused() {
     let net = machine();
     let (runtime, attached) = shown(&net, |attach| attach);
@@ -544,6 +580,23 @@ fn a_socket_in_use_an_open_directory_and_a_path_for_a_name_are_refused() {
     let attached = serve(&net, again()).unwrap();
     assert_eq!(ask(attached.socket(), "GET /v1/line").0, 200);
     drop(attached);
+    // A file is not.
+    let file = directory.join("sim0.sock");
+    std::fs::write(&file, "kept").unwrap();
+    let AttachError::Io { error, .. } = serve(&net, again()).unwrap_err() else {
+        panic!("it is a file");
+    };
+    assert!(error.to_string().contains("no socket"), "{error}");
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
+    std::fs::remove_file(&file).unwrap();
+    // Nor is a link followed.
+    let link = runtime.path().join("link");
+    std::os::unix::fs::symlink(&directory, &link).unwrap();
+    let by_link = Attach::new("sim0").directory(&link);
+    assert!(matches!(
+        serve(&net, by_link),
+        Err(AttachError::Directory(_))
+    ));
     let open = std::fs::Permissions::from_mode(0o777);
     std::fs::set_permissions(&directory, open).unwrap();
     assert!(matches!(

@@ -37,37 +37,37 @@ pub(crate) const PHASES: [Phase; 6] = [
     Phase {
         name: "standing",
         cycles: 100,
-        bound: 88.0,
+        bound: 90.0,
     },
     // The same, but the position of one axis in eight dithers: it is another by an increment in each cycle.
     Phase {
         name: "some dither",
         cycles: 100,
-        bound: 160.0,
+        bound: 163.0,
     },
     // The position of each of them does.
     Phase {
         name: "all dither",
         cycles: 100,
-        bound: 490.0,
+        bound: 510.0,
     },
     // Every axis on its way; 6064h and 606Ch are others in each cycle.
     Phase {
         name: "moving",
         cycles: 100,
-        bound: 500.0,
+        bound: 520.0,
     },
     // Every axis is given another move, which is acknowledged, and bits 4 and 12 are low again.
     Phase {
         name: "handshake",
         cycles: 10,
-        bound: 2420.0,
+        bound: 2480.0,
     },
     // No frame comes back.
     Phase {
         name: "stale",
         cycles: 5,
-        bound: 445.0,
+        bound: 450.0,
     },
 ];
 

@@ -9,7 +9,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Controlword, Mode},
-    profile_position::{Bounds, CommandId, Event, Failure},
+    profile_position::{Bounds, CommandId, Event, Failure, Quiet},
     timer::{Elapsed, nanoseconds},
 };
 
@@ -99,13 +99,13 @@ impl Known {
     }
 }
 
-/// When the machines have to be stepped, whatever the inputs are; when inputs are to be looked at, though they are the same; and whether
-/// each change of the position counts.
+/// When the machines have to be stepped, whatever the inputs are; when inputs are to be looked at, though they are the same; and at which
+/// positions there is nothing to see for the machines.
 #[derive(Debug, Clone, Copy, Default)]
 struct Attention {
     due: u64,
     looks: u64,
-    follows_position: bool,
+    quiet: Quiet,
 }
 
 /// What the owner of the cycle is told.
@@ -177,7 +177,11 @@ impl AxisCore {
         *change = change.and(news.change(answered));
         let counts = match news {
             News::None => false,
-            News::Position => self.attention.0.follows_position,
+            News::Position => !self
+                .attention
+                .0
+                .quiet
+                .contains(self.known.observed.position()),
             News::Shown | News::Lost | News::Silent => true,
         };
         // The first one writes what is kept from then on.
@@ -452,10 +456,12 @@ impl AxisCore {
             && self.machines.is_stepped_in(self.known.observed.state());
         let due = self.machines.due(in_mode);
         let looks = due.sooner(self.known.observed.due());
+        let position = self.known.observed.position();
+        let quiet = self.machines.quiet(in_mode, position, &self.known.bounds.0);
         let attention = &mut self.attention.0;
         attention.due = due.after(self.known.stepped.0);
         attention.looks = looks.after(self.known.stepped.0);
-        attention.follows_position = self.machines.follows_position(in_mode);
+        attention.quiet = quiet;
     }
 
     fn count_rest(&mut self) {

@@ -8,7 +8,7 @@ use crate::{
     ds402::{Controlword, Mode, ModeBits, PowerCommand, State, Statusword},
     profile_position::{
         Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, Failure, LastSeen,
-        Rules, WaitingFor,
+        Quiet, Rules, WaitingFor,
     },
     timer::{Due, Elapsed, Timer, nanoseconds},
 };
@@ -490,9 +490,13 @@ impl Machines {
         state == State::OperationEnabled && self.power.is_driving() && !self.stopping.is_quick()
     }
 
-    /// Whether each position counts. `in_mode`: the machine of the active mode is stepped.
-    pub fn follows_position(&self, in_mode: bool) -> bool {
-        !self.power.is_driving() || self.modes.follows_position(in_mode)
+    /// Where the next position tells nothing, as seen from this one. `in_mode`: the machine of the active mode is stepped.
+    pub fn quiet(&self, in_mode: bool, position: i32, bounds: &Bounds) -> Quiet {
+        if self.power.is_driving() {
+            self.modes.quiet(in_mode, position, bounds)
+        } else {
+            Quiet::NOWHERE
+        }
     }
 
     pub fn awaits_standstill(&self) -> bool {

@@ -4,8 +4,8 @@ use crate::{
     ds402::{Mode, ModeBits, State},
     homing::{HomingVerdict, Procedure},
     profile_position::{
-        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters, Sequencer,
-        WaitingFor,
+        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters, Quiet,
+        Sequencer, WaitingFor,
     },
     profile_velocity::{JogStep, Jogging},
     timer::{Due, Timer, UntilSeen},
@@ -404,12 +404,13 @@ impl Modes {
         change.sooner(machine).sooner(self.hold.due()).sooner(quiet)
     }
 
-    /// Whether each position counts. `in_mode` as above.
-    pub fn follows_position(&self, in_mode: bool) -> bool {
+    /// Where the next position tells nothing, as seen from this one. `in_mode` as above.
+    pub fn quiet(&self, in_mode: bool, position: i32, bounds: &Bounds) -> Quiet {
         match self.active {
-            Mode::ProfilePosition => in_mode && self.sequencer.follows_position(),
+            Mode::ProfilePosition if in_mode => self.sequencer.quiet(position, bounds),
+            Mode::ProfilePosition => Quiet::EVERYWHERE,
             // 607Ah follows the axis.
-            _ => true,
+            _ => Quiet::NOWHERE,
         }
     }
 }

@@ -140,6 +140,11 @@ impl Observed {
             .map_or(Statusword::empty(), |sample| sample.statusword)
     }
 
+    #[inline]
+    pub fn position(&self) -> i32 {
+        self.sample.map_or(0, |sample| sample.position)
+    }
+
     pub fn last_seen(&self) -> &LastSeen {
         &self.last_seen.0
     }
@@ -252,7 +257,7 @@ impl Observed {
     /// What the last cycle with inputs shows.
     pub fn evidence(&self) -> Evidence {
         Evidence {
-            position: self.sample.map_or(0, |sample| sample.position),
+            position: self.position(),
             before: self.before,
             rest: self.rest,
             blind: self.blind,

@@ -555,7 +555,7 @@ impl fmt::Display for EntryAccess {
 /// A name up to its first zero: some devices pad it.
 fn text(bytes: &[u8]) -> String {
     let name = bytes.split(|byte| *byte == 0).next().unwrap_or_default();
-    String::from_utf8_lossy(name).into_owned()
+    crate::sii::text_of_device(name)
 }
 
 // Lists of objects.

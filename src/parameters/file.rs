@@ -17,6 +17,7 @@
 //! transition = "SAFEOP-OP"               # PREOP-SAFEOP if left out
 //! ```
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write as _};
@@ -123,6 +124,9 @@ pub enum FileFault {
     /// An object that commands or records, and that a restore must not write.
     #[error("this object is a command or a record, and no parameter")]
     NoParameter,
+    /// The object has another value further up.
+    #[error("this object is in the file already: leave one of the two out")]
+    Twice,
 }
 
 #[derive(Deserialize)]
@@ -507,12 +511,17 @@ impl ParameterSet {
             serial: raw.serial,
         });
         let mut parameters = Vec::new();
+        let mut objects = BTreeSet::new();
         for raw in raw.parameter {
             let raw = raw.into_inner();
             let (object, value) = source.entry(&raw.object, None, raw.kind.as_ref(), raw.value)?;
             if !is_parameter(object) {
                 let (span, name) = (raw.object.span(), raw.object.get_ref());
                 return Err(source.error(Some(span), Some(name), FileFault::NoParameter));
+            }
+            if !objects.insert((object.index, object.subindex)) {
+                let (span, name) = (raw.object.span(), raw.object.get_ref());
+                return Err(source.error(Some(span), Some(name), FileFault::Twice));
             }
             let name = raw
                 .name
@@ -967,6 +976,16 @@ mod tests {
         );
     }
 
+    #[test]
+    fn an_object_that_is_twice_in_a_file_is_refused_at_the_second() {
+        let text = "[[parameter]]\nobject = \"6081h:00\"\nvalue = 1\n[[parameter]]\nobject = \"profile velocity\"\nvalue = 2\n";
+        let error = ParameterSet::from_toml(text, "left.toml").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "left.toml:5: object \"profile velocity\": this object is in the file already: leave one of the two out"
+        );
+    }
+
     /// A directory that nothing else uses.
     fn directory(name: &str) -> PathBuf {
         let name = format!("servocrab-{name}-{}", process::id());
@@ -1074,8 +1093,8 @@ mod tests {
         fn a_set_comes_out_of_its_file_as_it_was(
             drive: Option<String>, name: String, values in prop::collection::vec(values(), 0..8), serial: u32,
         ) {
-            let parameters = values.into_iter().map(|value| Parameter {
-                object: ObjectAddress::new(0x2345, 0xAB),
+            let parameters = (0..).zip(values).map(|(subindex, value)| Parameter {
+                object: ObjectAddress::new(0x2345, subindex),
                 name: name.clone(),
                 value,
             });

@@ -11,6 +11,26 @@ pub(crate) struct Ends {
     width: u32,
 }
 
+/// The positions from the first to the second, both included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Quiet(i32, i32);
+
+impl Quiet {
+    pub const EVERYWHERE: Self = Self(i32::MIN, i32::MAX);
+    pub const NOWHERE: Self = Self(i32::MAX, i32::MIN);
+
+    #[inline]
+    pub const fn contains(self, position: i32) -> bool {
+        self.0 <= position && position <= self.1
+    }
+}
+
+impl Default for Quiet {
+    fn default() -> Self {
+        Self::NOWHERE
+    }
+}
+
 impl Ends {
     pub const ANYWHERE: Self = Self {
         from: 0,
@@ -89,6 +109,26 @@ impl Ends {
         let reach = i64::from(self.width) + 2 * i64::from(bounds.position);
         let way = bounds.way(before, position).abs();
         from.signum() * to.signum() < 0 && from.abs() + to.abs() + reach == way
+    }
+
+    /// The positions on this side of them, which an axis there leaves when it meets them.
+    pub fn away_from(&self, position: i32, bounds: &Bounds) -> Quiet {
+        let window = i64::from(bounds.position);
+        let low = i64::from(self.from) - window;
+        let high = i64::from(self.from) + i64::from(self.width) + window;
+        let fits = |end: i64| i32::try_from(end).ok();
+        match (fits(low), fits(high)) {
+            (Some(low), Some(high)) if bounds.turn.is_none() => {
+                if position < low {
+                    Quiet(i32::MIN, low - 1)
+                } else if position > high {
+                    Quiet(high + 1, i32::MAX)
+                } else {
+                    Quiet::NOWHERE
+                }
+            }
+            _ => Quiet::NOWHERE,
+        }
     }
 
     /// How far a position lies from them, beyond the window: negative before the first, positive behind the last.

@@ -21,6 +21,7 @@ mod traits;
 
 pub(crate) use bounds::Bounds;
 use ends::Ends;
+pub(crate) use ends::Quiet;
 pub(crate) use events::Events;
 pub use events::{CommandId, Completion, Event};
 #[cfg(test)]

@@ -9,7 +9,7 @@ use crate::timer::{Due, Lasting, Timer};
 
 use super::{
     Bit, Bounds, BufferMode, CommandId, Completion, Cycle, Delivery, Doubt, Ends, Event, Events,
-    Evidence, Failure, Rules,
+    Evidence, Failure, Quiet, Rules,
 };
 
 /// Set-points that a drive holds at most (S2).
@@ -267,7 +267,8 @@ impl Observer {
         } else {
             left
         };
-        if !self.is_alone_under_way() || known.on_its_way != OnItsWay::Nothing {
+        let goes_to_rest = self.alone_under_way().is_some_and(|only| !only.turns);
+        if !goes_to_rest || known.on_its_way != OnItsWay::Nothing {
             self.note_sightings(cycle, known, before);
         }
         if evidence.stands() || self.has_left(evidence, &cycle.rules) {
@@ -502,6 +503,9 @@ impl Observer {
         let (stands, high) = (evidence.stands(), evidence.reached.is_high());
         let ends_are_known = entry.ends.are_known(rules.bounds);
         let at_end = entry.ends.contain(position, rules.bounds);
+        let rests_at_end = evidence
+            .rest
+            .is_some_and(|rest| entry.ends.contain(rest, rules.bounds));
         let waits = self.worlds.has(Worlds::WAITING);
         if known.on_its_way != OnItsWay::Nothing {
             // What shows may be of the next one.
@@ -519,8 +523,8 @@ impl Observer {
             && match (waits, ends_are_known) {
                 (false, true) => !self.worlds.has(Worlds::RUNNING),
                 (false, false) => stands,
-                // Whether it has begun or not, it leads no further; on a modulo axis it may lead round.
-                (true, true) => stands && rules.bounds.turn.is_none(),
+                // Whether it has begun or not, it leads no further than where the axis rests; on a modulo axis it may lead round.
+                (true, true) => rests_at_end && rules.bounds.turn.is_none(),
                 (true, false) => false,
             };
         if reached {
@@ -669,16 +673,26 @@ impl Observer {
         due
     }
 
-    /// Whether the only one is surely under way, from rest to rest: bit 10 and rest alone end it.
-    fn is_alone_under_way(&self) -> bool {
-        self.worlds == Worlds::RUNNING.and(Worlds::FIRST)
-            && matches!(&self.entries, [Some(only), None] if !(only.turns || only.runs_on))
+    /// The only one, while it is surely under way and stops at its end.
+    fn alone_under_way(&self) -> Option<&HeldSetPoint> {
+        match &self.entries {
+            [Some(only), None] if self.worlds == Worlds::RUNNING.and(Worlds::FIRST) => {
+                Some(only).filter(|only| !only.runs_on)
+            }
+            _ => None,
+        }
     }
 
-    /// Whether each position counts.
-    pub fn follows_position(&self) -> bool {
-        let is_on_its_way = self.is_alone_under_way() && self.place.is_none();
-        self.count() == HELD || (self.has_untold() && !is_on_its_way)
+    /// Where the next position tells nothing, as seen from this one.
+    pub fn quiet(&self, position: i32, bounds: &Bounds) -> Quiet {
+        match self.alone_under_way() {
+            _ if self.place.is_some() && self.count() > 0 => Quiet::NOWHERE,
+            // From rest to rest bit 10 and rest alone end it; one that began in motion may pass its end and come back.
+            Some(only) if only.turns => only.ends.away_from(position, bounds),
+            Some(_) => Quiet::EVERYWHERE,
+            None if self.count() == HELD || self.has_untold() => Quiet::NOWHERE,
+            None => Quiet::EVERYWHERE,
+        }
     }
 }
 

@@ -10,8 +10,8 @@ use crate::{
 };
 
 use super::{
-    Behind, Bit, BufferMode, BufferSignal, CommandId, Cycle, Delivery, Ends, Event, Events,
-    Failure, HeldSetPoint, Known, MoveCommand, Observer, OnItsWay, Parameters, Reference,
+    Behind, Bit, Bounds, BufferMode, BufferSignal, CommandId, Cycle, Delivery, Ends, Event, Events,
+    Failure, HeldSetPoint, Known, MoveCommand, Observer, OnItsWay, Parameters, Quiet, Reference,
     RelativeBase, Rules, StartBits, Traits, Unsupported, WaitingFor,
     handshake::{Handshake, HandshakeStep, Raised, Sent, Stage},
     pending::{PendingMoves, Request},
@@ -300,9 +300,9 @@ impl Sequencer {
             .sooner(self.observer.due())
     }
 
-    /// Whether each position counts.
-    pub fn follows_position(&self) -> bool {
-        self.observer.follows_position()
+    /// Where the next position tells nothing, as seen from this one.
+    pub fn quiet(&self, position: i32, bounds: &Bounds) -> Quiet {
+        self.observer.quiet(position, bounds)
     }
 
     /// The drive has acknowledged this one.

@@ -410,7 +410,15 @@ fn a_drive_that_drops_in_op_is_reported_with_its_state_and_code_and_its_axes_are
             (position, status.state, status.error),
             (0, seen, Some(CODE))
         );
-        assert!(axis.status().lost, "{seen}");
+        let status = axis.status();
+        assert!(status.lost, "{seen}");
+        // Below SAFEOP a drive updates no inputs, and its memory answers all the same.
+        assert_eq!(status.answered, seen == State::SafeOp, "{seen}");
+        assert_eq!(
+            status.age > 200,
+            seen != State::SafeOp,
+            "{seen}: {status:?}"
+        );
         rig.shutdown();
     }
 }

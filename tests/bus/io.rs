@@ -54,6 +54,28 @@ fn io(rig: &Rig, name: &str) -> Io {
 }
 
 #[test]
+fn inputs_of_a_device_that_was_set_to_init_are_old() {
+    let line = line();
+    let mut rig = Rig::start(network(&line)).unwrap();
+    let first = io(&rig, "buttons").input::<bool>((0x6000, 1)).unwrap();
+    rig.run_for(5 * CYCLE);
+    assert_eq!(first.get(), Ok(false));
+    line.segment()
+        .device_mut(2)
+        .unwrap()
+        .fall_to(AlState::Init, 0);
+    rig.run_for(250 * CYCLE);
+    assert!(
+        first.get().is_err_and(|old| old.age.is_some()),
+        "{:?}",
+        first.get()
+    );
+    let status = io(&rig, "buttons").status();
+    assert!(!status.operational, "{status:?}");
+    rig.shutdown();
+}
+
+#[test]
 fn single_bits_are_read_and_written_by_name_and_by_index() {
     let line = line();
     let mut rig = Rig::start(network(&line)).unwrap();

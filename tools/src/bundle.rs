@@ -273,6 +273,28 @@ impl Bundle {
     /// Writes the zip.
     fn write(mut self, out: &NewFile, logs: &[PathBuf]) -> Result<Written, Failure> {
         let mut zip = ZipWriter::new(out.file());
+        match self.fill(&mut zip, logs) {
+            Ok(parts) => {
+                zip.finish()?;
+                Ok(Written {
+                    parts,
+                    missing: self.missing,
+                })
+            }
+            Err(error) => {
+                // Dropped, it would try to end the file, and say on the error output that this failed too.
+                std::mem::forget(zip);
+                Err(error)
+            }
+        }
+    }
+
+    /// The names and lengths of what was put in.
+    fn fill(
+        &mut self,
+        zip: &mut ZipWriter<&File>,
+        logs: &[PathBuf],
+    ) -> Result<Vec<(String, u64)>, Failure> {
         let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
         let mut written = Vec::new();
         for (name, bytes) in &self.parts {
@@ -283,7 +305,7 @@ impl Bundle {
         let mut names = BTreeSet::new();
         for log in logs {
             let name = free_name(&mut names, log);
-            match put_log(&mut zip, options, &name, log)? {
+            match put_log(zip, options, &name, log)? {
                 Ok(bytes) => written.push((name, bytes)),
                 Err(error) => self.miss(&name, format_args!("{}: {error}", log.display())),
             }
@@ -294,11 +316,7 @@ impl Bundle {
             zip.write_all(missing.as_bytes())?;
             written.push(("missing.txt".into(), missing.len() as u64));
         }
-        zip.finish()?;
-        Ok(Written {
-            parts: written,
-            missing: self.missing,
-        })
+        Ok(written)
     }
 }
 
@@ -321,13 +339,11 @@ fn put_log(
     name: &str,
     log: &Path,
 ) -> Result<io::Result<u64>, Failure> {
-    let opened = File::open(log).and_then(|file| {
-        let known = file.metadata()?;
-        match known.is_file() {
-            // A log that is written meanwhile has an end all the same.
-            true => Ok((known.len(), file.take(known.len()))),
-            false => Err(io::Error::new(ErrorKind::InvalidInput, "it is no file")),
-        }
+    // A pipe that is opened waits for its writer.
+    let opened = std::fs::metadata(log).and_then(|known| match known.is_file() {
+        // A log that is written meanwhile has an end all the same.
+        true => Ok((known.len(), File::open(log)?.take(known.len()))),
+        false => Err(io::Error::new(ErrorKind::InvalidInput, "it is no file")),
     });
     let (length, mut log) = match opened {
         Ok(opened) => opened,
@@ -365,13 +381,18 @@ mod tests {
         fs::write(place("run.log"), "new").unwrap();
         fs::write(place("old/run.log"), "older").unwrap();
         let out = place("bundle.zip");
-        let logs = ["run.log", "old/run.log", "old", "nowhere"].map(place);
+        // Nobody writes into it: whoever opened it would wait.
+        let pipe = std::process::Command::new("mkfifo")
+            .arg(place("pipe"))
+            .status();
+        assert!(pipe.unwrap().success());
+        let logs = ["run.log", "old/run.log", "old", "nowhere", "pipe"].map(place);
         let new = NewFile::create(&out).unwrap();
         let Written { parts, missing } = Bundle::default().write(&new, &logs).unwrap();
         new.complete().unwrap();
         let names: Vec<_> = parts.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["logs/run.log", "logs/2-run.log", "missing.txt"]);
-        assert_eq!((parts[0].1, parts[1].1, missing.len()), (3, 5, 2));
+        assert_eq!((parts[0].1, parts[1].1, missing.len()), (3, 5, 3));
         assert!(missing[0].starts_with("logs/old: "), "{missing:?}");
         let mut zip = zip::ZipArchive::new(File::open(out).unwrap()).unwrap();
         let mut text = String::new();

@@ -90,7 +90,7 @@ impl Tool {
         // Where nobody reads it there is nothing to be done.
         let _ = match self.json {
             true => writeln!(io::stderr(), "{}", json!({"note": text.to_string()})),
-            false => writeln!(io::stderr(), "servocrab: {text}"),
+            false => writeln!(io::stderr(), "servocrab: {}", shown(&text.to_string())),
         };
     }
 
@@ -129,14 +129,42 @@ impl Tool {
 /// Writes to the standard output; that its reader has gone away is an error and no panic.
 pub(crate) fn put(text: impl Display) -> io::Result<()> {
     let mut output = io::stdout().lock();
-    output.write_fmt(format_args!("{text}"))?;
+    output.write_all(shown(&text.to_string()).as_bytes())?;
     output.flush()
+}
+
+/// A name from the wire or a file as a part of a line: what a terminal would obey, or would take for another line, is shown by its number.
+pub(crate) fn plain(text: &str) -> String {
+    escaped(text, |char| !char.is_control())
+}
+
+/// Whole lines, in the same way.
+fn shown(text: &str) -> String {
+    escaped(text, |char| char == '\n' || !char.is_control())
+}
+
+fn escaped(text: &str, is_shown: impl Fn(char) -> bool) -> String {
+    // These turn the direction of what follows.
+    let turns = |char| matches!(char, '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}');
+    let mut plain = String::with_capacity(text.len());
+    for char in text.chars() {
+        if is_shown(char) && !turns(char) {
+            plain.push(char);
+        } else {
+            plain.extend(char.escape_unicode());
+        }
+    }
+    plain
 }
 
 /// Rows under a heading, each column as wide as its widest cell, and at most 200 characters: formatting takes no width above 16 bits.
 pub(crate) fn table<const N: usize>(heading: [&str; N], rows: &[[String; N]]) -> String {
     let heading = heading.map(String::from);
-    let all = || [&heading].into_iter().chain(rows);
+    let rows: Vec<[String; N]> = rows
+        .iter()
+        .map(|row| row.each_ref().map(|cell| plain(cell)))
+        .collect();
+    let all = || [&heading].into_iter().chain(&rows);
     let widths: [usize; N] = std::array::from_fn(|column| {
         let cells = all().map(|row| row[column].chars().count());
         cells.max().unwrap_or(0).min(200)
@@ -190,7 +218,7 @@ pub(crate) fn end(done: Done, json: bool) -> ExitCode {
 fn failed(message: &str, json: bool) -> ExitCode {
     let _ = match json {
         true => writeln!(io::stderr(), "{}", json!({"error": message})),
-        false => writeln!(io::stderr(), "servocrab: {message}"),
+        false => writeln!(io::stderr(), "servocrab: {}", shown(message)),
     };
     ExitCode::from(2)
 }
@@ -210,6 +238,15 @@ pub(crate) fn usage(error: &clap::Error, json: bool) -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_moves_no_cursor_and_makes_no_row() {
+        let name = "x\u{1b}[2J\r\n1  forged\u{202E}\u{9b}2J".to_owned();
+        let text = table(["name"], &[[name.clone()]]);
+        let row = "x\\u{1b}[2J\\u{d}\\u{a}1  forged\\u{202e}\\u{9b}2J";
+        assert_eq!(text, format!("name\n{row}\n"));
+        assert_eq!(shown("a\nb\u{1b}"), "a\nb\\u{1b}");
+    }
 
     #[test]
     fn a_table_shows_a_cell_that_is_longer_than_formatting_takes() {

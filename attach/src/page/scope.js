@@ -156,8 +156,10 @@ class Scope {
     const names = this.signals.map((signal, place) => (this.units[place] ? `${signal} [${this.units[place]}]` : signal));
     // By RFC 4180, section 2.
     const quoted = (name) => (/[,"\r\n]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name);
+    // A spreadsheet would take such a name for a formula.
+    const plain = (name) => (/^[=+\-@\t\r]/.test(name) ? `'${name}` : name);
     const rows = columns[0].map((_, row) => columns.map((column) => column[row] ?? "").join(","));
-    return [["time [s]", ...names.map(quoted)].join(","), ...rows].join("\n") + "\n";
+    return [["time [s]", ...names.map(plain).map(quoted)].join(","), ...rows].join("\n") + "\n";
   }
 }
 

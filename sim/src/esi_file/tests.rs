@@ -135,6 +135,19 @@ fn errors_name_file_and_line() {
 }
 
 #[test]
+fn an_element_with_very_many_attributes_is_refused_at_its_line() {
+    let many: String = (0..100_000)
+        .map(|number| format!(" a{number}='1'"))
+        .collect();
+    let text = format!("<EtherCATInfo>\n<Vendor{many}/>\n</EtherCATInfo>");
+    let error = EsiDrive::from_bytes("d.xml", text.as_bytes()).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "d.xml:2: an element with more than 200 attributes"
+    );
+}
+
+#[test]
 fn a_short_file_does_not_unfold_into_a_long_dictionary() {
     let types = "<DataType><Name>A</Name><BaseType>UINT</BaseType><ArrayInfo><Elements>255</Elements></ArrayInfo></DataType>\
         <DataType><Name>D</Name><SubItem><Type>A</Type></SubItem></DataType>";

@@ -5,6 +5,8 @@ use roxmltree::{Document, Node, ParsingOptions};
 /// The most bytes and elements of a file that is read.
 pub(super) const MOST_BYTES: usize = 32 << 20;
 const MOST_NODES: u32 = 4_000_000;
+/// Of one element. The reader compares each attribute with all others of its element.
+const MOST_ATTRIBUTES: usize = 200;
 
 /// An ESI file that cannot be used: which, where, and why.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -56,6 +58,19 @@ pub(super) fn text(file: &str, bytes: &[u8]) -> Result<String, EsiError> {
 }
 
 pub(super) fn parse<'a>(file: &str, text: &'a str) -> Result<Document<'a>, EsiError> {
+    for (number, tag) in text.split('<').enumerate() {
+        if tag.split('>').next().unwrap_or(tag).matches('=').count() > MOST_ATTRIBUTES {
+            let before = text
+                .split('<')
+                .take(number)
+                .map(|part| part.matches('\n').count());
+            return Err(EsiError {
+                file: file.to_owned(),
+                line: u32::try_from(before.sum::<usize>() + 1).ok(),
+                reason: format!("an element with more than {MOST_ATTRIBUTES} attributes"),
+            });
+        }
+    }
     let options = ParsingOptions {
         nodes_limit: MOST_NODES,
         ..ParsingOptions::default()

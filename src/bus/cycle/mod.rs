@@ -614,7 +614,7 @@ pub(in crate::bus) struct DriveData {
     pub inputs: Box<[u8]>,
     /// Whether the last cycle brought other inputs than the one before.
     pub changed: bool,
-    /// What the last cycle brought.
+    /// What the last cycle brought; [`worth`](Self::worth) is for who uses it.
     pub answer: Answer,
     /// Whether it counts as lost: then nothing is expected of it.
     pub lost: bool,
@@ -626,6 +626,8 @@ pub(in crate::bus) struct DriveData {
     pub not_in_op: bool,
     /// With which AL status code it has.
     pub left_op: Option<u16>,
+    /// Whether it was seen below SAFEOP, where it updates no inputs: what it answers is from before.
+    pub fallen: bool,
     /// Whether it is being set up anew: it counts as lost, and what it adds to a working counter meanwhile is nobody's loss.
     pub away: bool,
     stale_cycles: u32,
@@ -672,7 +674,11 @@ impl Drives {
     ) -> Option<Option<&[u8]>> {
         let drive = self.drives.get_mut(place)?;
         let others = drive.changed.then_some(&*drive.inputs);
-        let inputs = judged(drive.answer, drive.operational, &drive.inputs);
+        let inputs = match drive.worth() {
+            Answer::Fresh => Inputs::Fresh(&drive.inputs),
+            Answer::Answered => Inputs::Answered(&drive.inputs),
+            Answer::Stale => Inputs::Stale,
+        };
         if core(inputs, others.is_none(), &mut drive.outputs)? {
             drive.unpacked = true;
             self.written = true;
@@ -699,6 +705,7 @@ impl Drives {
             drive.away = true;
             drive.lost = true;
             drive.operational = false;
+            drive.fallen = false;
             self.disturbed = true;
         }
     }
@@ -743,6 +750,7 @@ impl DriveData {
             operational: false,
             not_in_op: false,
             left_op: None,
+            fallen: false,
             away: false,
             stale_cycles: 0,
             patience: member.patience,
@@ -816,6 +824,16 @@ impl DriveData {
         }
     }
 
+    /// What its answer is worth to those who use its inputs.
+    #[inline]
+    pub const fn worth(&self) -> Answer {
+        match self.answer {
+            _ if self.fallen => Answer::Stale,
+            Answer::Fresh if !self.operational => Answer::Answered,
+            answer => answer,
+        }
+    }
+
     /// Counts a cycle. True when it is lost from now on, or no longer.
     pub fn count_silence(&mut self) -> bool {
         let before = self.lost;
@@ -828,16 +846,6 @@ impl DriveData {
             self.stale_cycles = 0;
         }
         self.lost != before
-    }
-}
-
-/// What inputs are worth that were judged so, of a drive that acts on its outputs or not.
-#[inline]
-const fn judged(answer: Answer, operational: bool, inputs: &[u8]) -> Inputs<'_> {
-    match answer {
-        Answer::Fresh if operational => Inputs::Fresh(inputs),
-        Answer::Fresh | Answer::Answered => Inputs::Answered(inputs),
-        Answer::Stale => Inputs::Stale,
     }
 }
 

@@ -187,15 +187,16 @@ impl Stepper for Rc<RefCell<Ports>> {
 impl Port {
     /// `is_off`: what went out were zeros, whatever is set.
     fn publish(&mut self, data: &DriveData, is_off: bool) {
+        let worth = data.worth();
         self.head = Head {
             cycle: self.head.cycle.wrapping_add(1),
-            age: match data.answer {
+            age: match worth {
                 Answer::Stale => self.head.age.map(|age| age.saturating_add(1)),
                 Answer::Fresh | Answer::Answered => Some(0),
             },
             lost: data.lost,
             operational: data.operational,
-            delivered: data.operational && data.answer == Answer::Fresh && !is_off,
+            delivered: worth == Answer::Fresh && !is_off,
         };
         self.shared.cell.publish(self.head, &data.inputs);
     }

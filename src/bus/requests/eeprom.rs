@@ -8,7 +8,7 @@ use crate::{
         requests::{LONGEST_DATAGRAM, registers::Registers},
     },
     esc,
-    sii::{General, Identity, Sii},
+    sii::{General, Identity, Sii, text_of_device},
 };
 
 /// 0500h: the device has the EEPROM; it is taken from the device by force.
@@ -248,7 +248,7 @@ impl Image<'_> {
         }
         let length = usize::from(self.byte(at).await?);
         let text = self.get(at + 1..at + 1 + length).await?;
-        Ok(String::from_utf8_lossy(&text).into_owned())
+        Ok(text_of_device(&text))
     }
 
     async fn byte(&mut self, at: usize) -> Result<u8, EepromError> {

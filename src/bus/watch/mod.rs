@@ -313,6 +313,7 @@ pub(super) fn note_state(
     let left_op = status.error.filter(|_| !in_op);
     let is_new = data.left_op != left_op;
     data.left_op = left_op;
+    data.fallen = !matches!(status.state, AlState::Op | AlState::SafeOp);
     drives.doubted |= is_new;
     let Some(data) = drives.get_mut(place) else {
         return;

@@ -17,7 +17,7 @@ use super::{Device, Machine};
 use crate::{
     line::LineArguments,
     meaning,
-    output::{Done, Failure, Tool, table},
+    output::{Done, Failure, Tool, plain, table},
 };
 
 #[derive(Args)]
@@ -166,7 +166,7 @@ impl Page {
                     text += &format!("\n{heading}:\n");
                 }
                 let change = row.change.as_deref().unwrap_or("");
-                text += &format!("- {}, {}: {change}\n", row.what, row.check);
+                text += &format!("- {}, {}: {change}\n", plain(&row.what), row.check);
             }
         }
         let wrong = self

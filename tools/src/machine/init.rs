@@ -2,6 +2,7 @@
 
 use std::{
     fmt::Write as _,
+    io::Write as _,
     path::{Path, PathBuf},
 };
 
@@ -12,6 +13,7 @@ use servocrab::{
     coe::{ObjectAddress, SdoHandle, obj},
     drives,
     esi::Esi,
+    parameters::NewFile,
     sii::{Pdo, Sii},
 };
 
@@ -64,12 +66,10 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         .await;
     line.close().await;
     let machine = found?;
-    std::fs::write(&arguments.file, toml(&machine))
-        .map_err(|error| format!("{}: {error}", arguments.file.display()))?;
+    write(&arguments.file, &toml(&machine))?;
     let mut written = vec![arguments.file.display().to_string()];
     if let Some(file) = &arguments.rust {
-        std::fs::write(file, rust::source(&machine))
-            .map_err(|error| format!("{}: {error}", file.display()))?;
+        write(file, &rust::source(&machine))?;
         written.push(file.display().to_string());
     }
     let count = |is: fn(Kind) -> bool| {
@@ -96,6 +96,14 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         text,
     )?;
     Ok(true)
+}
+
+/// At once or not at all.
+fn write(path: &Path, text: &str) -> Result<(), Failure> {
+    let new = NewFile::create(path)?;
+    let written = new.file().write_all(text.as_bytes());
+    written.map_err(|error| format!("{}: {error}", path.display()))?;
+    Ok(new.complete()?)
 }
 
 async fn machine(line: &Line, files: &[(&Path, Esi)], clocks: bool) -> Result<Machine, Failure> {

@@ -19,7 +19,7 @@ use crate::{
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// The TOML file
-    file: PathBuf,
+    pub(super) file: PathBuf,
     /// Write to all drives of the line that are of the file's kind
     #[arg(long, conflicts_with = "drive")]
     all: bool,

@@ -84,6 +84,10 @@ pub(crate) struct Consent {
 
 /// Does it; false if file and drive differ, or a drive has refused something.
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
+    if let Some(file) = read_from(&arguments.work) {
+        // One that cannot be used takes no line.
+        loaded(file)?;
+    }
     let line = arguments.line.open(tool).await?;
     let devices = line.devices();
     let done = tool
@@ -95,6 +99,15 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         true => "interrupted: a part of the parameters may have been written; `params compare` shows which".into(),
         false => error,
     })
+}
+
+/// The file that it reads.
+fn read_from(work: &Work) -> Option<&PathBuf> {
+    match work {
+        Work::Compare { file } | Work::Restore { file, .. } => Some(file),
+        Work::Apply(arguments) => Some(&arguments.file),
+        Work::Backup { .. } | Work::Store { .. } | Work::Defaults { .. } => None,
+    }
 }
 
 /// Whether this may have written something when it is interrupted.
