@@ -536,31 +536,18 @@ fn what_is_not_understood_is_refused_in_json_too() {
         attach.grant(servocrab_attach::Grant::Parameters)
     });
     let long = "x".repeat(70_000);
-    let requests = [
-        (
-            413,
-            format!(
-                "POST /v1/od/0/6081h/0 HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n{long}",
-                long.len()
-            ),
-        ),
-        (
-            415,
-            "POST /v1/od/0/6081h/0 HTTP/1.1\r\nHost: x\r\nContent-Length: 2\r\n\r\n{}".to_owned(),
-        ),
-    ];
-    for (status, request) in requests {
-        let mut stream = std::os::unix::net::UnixStream::connect(attached.socket()).unwrap();
-        let _ = std::io::Write::write_all(&mut stream, request.as_bytes());
-        let mut answer = vec![0; 4096];
-        let read = std::io::Read::read(&mut stream, &mut answer).unwrap();
-        let answer = String::from_utf8_lossy(&answer[..read]).into_owned();
-        assert!(
-            answer.starts_with(&format!("HTTP/1.1 {status}")),
-            "{answer}"
-        );
-        assert!(answer.contains("application/json"), "{answer}");
-    }
+    let request = format!(
+        "POST /v1/od/0/6081h/0 HTTP/1.1\r\nHost: x\r\nContent-Length: {}\r\n\r\n{long}",
+        long.len()
+    );
+    let mut stream = std::os::unix::net::UnixStream::connect(attached.socket()).unwrap();
+    // It may be refused before all of it was sent.
+    let _ = std::io::Write::write_all(&mut stream, request.as_bytes());
+    let mut answer = vec![0; 4096];
+    let read = std::io::Read::read(&mut stream, &mut answer).unwrap();
+    let answer = String::from_utf8_lossy(&answer[..read]).into_owned();
+    assert!(answer.starts_with("HTTP/1.1 413"), "{answer}");
+    assert!(answer.contains("application/json"), "{answer}");
     drop(attached);
     smol::block_on(net.shutdown()).unwrap();
 }

@@ -44,6 +44,9 @@ const DISABLE_LIMIT: Duration = Duration::from_secs(1);
 const DOWN_LIMIT: Duration = Duration::from_secs(1);
 /// Error indication and SAFEOP, in the AL states of a line OR-ed together.
 const FALLEN: u8 = 0x14;
+/// The states, and OP alone.
+const STATE: u8 = 0x0F;
+const OP: u8 = 0x08;
 
 /// What a program gets of a network that is in OP.
 pub(in crate::bus) struct Started {
@@ -224,6 +227,7 @@ pub(in crate::bus) async fn given_up(context: &Context, control: &Control) {
 /// Watches over the drives until the network is to end.
 async fn watch(context: &Context, running: &Running, control: &Arc<Control>, period: Duration) {
     let mut usual = None;
+    let mut turn = 0;
     let mut lost = vec![false; running.devices.len()];
     let mut lock = LockWatch::new();
     let mut wakers = WakeStatistics::default();
@@ -294,16 +298,23 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
             .borrow()
             .as_ref()
             .is_some_and(|cycle| cycle.exchange.drives.iter().all(|drive| drive.operational));
-        if usual == Some(seen) && !wrong && all_operational {
+        let is_usual = usual == Some(seen) && !wrong && all_operational;
+        if is_usual && seen.0 & STATE == OP {
             continue;
         }
         let devices = running.devices.iter().zip(&running.ids).enumerate();
-        let looks = devices.map(|(place, (device, id))| {
+        // Behind a device that is not in OP another one hides that has left it: they are asked in turn.
+        let asked = devices.filter(|(place, _)| !is_usual || *place == turn);
+        let looks = asked.map(|(place, (device, id))| {
             let (context, control) = (context.clone(), Arc::clone(control));
             read_state(context, control, place, device.station, Arc::clone(id))
         });
         at_once(context, looks).await;
-        context.time.sleep(AL_EVERY).await;
+        if is_usual {
+            turn = (turn + 1) % running.devices.len().max(1);
+        } else {
+            context.time.sleep(AL_EVERY).await;
+        }
     }
 }
 
