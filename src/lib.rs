@@ -111,6 +111,8 @@ mod pages {
     mod units {}
     #[doc = include_str!("../docs/guide/paths.md")]
     mod paths {}
+    #[doc = include_str!("../docs/guide/cell.md")]
+    mod cell {}
     #[doc = include_str!("../docs/guide/faults.md")]
     mod faults {}
     #[doc = include_str!("../docs/guide/tests.md")]

@@ -293,14 +293,16 @@ impl AxisCore {
         withdrawn
     }
 
-    /// Ends the homing with this id as by [`StopRequest::STOP`], if it was sent and has not ended: nobody waits for it any more.
+    /// Ends the motion with this id, if it was sent and has not ended, since nobody waits for it any more: a homing as by
+    /// [`StopRequest::STOP`], a move as by [`StopRequest::HALT`].
     #[cfg(feature = "std")]
-    pub(crate) fn end_homing(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
-        let ends = self.machines.modes.homing.is_under_way(id);
-        if ends {
+    pub(crate) fn end_motion(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
+        let modes = &self.machines.modes;
+        if modes.homing.is_under_way(id) {
             self.apply_stop(now, StopRequest::STOP, outputs);
+        } else if modes.sequencer.is_under_way(id) {
+            self.apply_stop(now, StopRequest::HALT, outputs);
         }
-        ends
     }
 
     /// Whether a gated move has all that it needs in this cycle.

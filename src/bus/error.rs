@@ -4,7 +4,7 @@
 use std::{fmt, time::Duration};
 
 use crate::{
-    axis::{AxisIdentity, FieldError},
+    axis::{AxisError, AxisIdentity, FieldError},
     bus::{cable::CableLoad, expected::LineMismatch, real_time::RealTimeError},
     coe::{DriveError, DriveId, LinkRefusal, ObjectAddress, SdoError},
     ds402::State,
@@ -135,6 +135,15 @@ pub enum NetworkError {
     },
 }
 
+/// Axes that were not seen to stand after all of a network were stopped.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("not every axis was seen to stand: {}", ListOf(.axes))]
+#[non_exhaustive]
+pub struct NotStopped {
+    /// Of each of them the reason.
+    pub axes: Vec<AxisError>,
+}
+
 /// A time that was set and is too short or too long: nothing was started with it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{of}: the {setting} is set to {got:?}: set it to at least {least:?} and at most {most:?}")]
@@ -187,9 +196,9 @@ impl fmt::Display for MovingAxis {
     }
 }
 
-struct ListOf<'a>(&'a [MovingAxis]);
+struct ListOf<'a, T>(&'a [T]);
 
-impl fmt::Display for ListOf<'_> {
+impl<T: fmt::Display> fmt::Display for ListOf<'_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (place, axis) in self.0.iter().enumerate() {
             let before = if place == 0 { "" } else { "; " };

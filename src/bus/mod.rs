@@ -43,7 +43,8 @@ pub use device::io_points::{IoPoint, PointName};
 pub use device::progress::BringUpProgress;
 pub use error::{
     AlError, AlState, AlStatus, BringUpStep, DriveFault, EepromError, MovingAxis, NetworkError,
-    ReferenceClock, RegisterError, SettingError, SyncManagerError, TopologyError, WatchdogState,
+    NotStopped, ReferenceClock, RegisterError, SettingError, SyncManagerError, TopologyError,
+    WatchdogState,
 };
 pub use event::{ClockEvent, DeviceFinding, Finding, Miscounted, NetworkEvent, Recovered};
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, LineVerdict, Present};

@@ -356,6 +356,24 @@ impl<U: AxisUnit> Axis<U> {
         Ok(state)
     }
 
+    /// Stops it as by this request, and waits no longer than this.
+    pub(crate) async fn stopped_within(
+        &self,
+        stop: StopRequest,
+        within: Duration,
+    ) -> Result<(), AxisError> {
+        let stopped = async {
+            if stop.contains(StopRequest::QUICK_STOP) {
+                self.quick_stop().await.map(drop)
+            } else if stop.contains(StopRequest::STOP) {
+                self.stop().await.map(drop)
+            } else {
+                self.halt().await
+            }
+        };
+        smol::future::or(stopped, self.handles.late(within)).await
+    }
+
     /// Sets bits 11 to 15 of the controlword, which are the manufacturer's; other bits are ignored.
     pub fn set_manufacturer_bits(&self, bits: Controlword) {
         let shared = &self.handles.shared;

@@ -14,7 +14,7 @@ use crate::{
 /// An operation of an axis did not end well.
 ///
 /// The kind is in the drive's units. The text has positions and velocities in the unit of the handle.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 #[non_exhaustive]
 pub struct AxisError {
     /// The axis and its drive.
@@ -25,6 +25,13 @@ pub struct AxisError {
     unit: Option<Box<ErrorUnit>>,
     /// None of others than those that a halt ends.
     motion: Option<EndedByHalt>,
+}
+
+/// As its text: what a program prints that unwraps it.
+impl fmt::Debug for AxisError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "AxisError({self})")
+    }
 }
 
 /// A motion that is over when the axis is halted: no resume brings it back.

@@ -44,10 +44,10 @@ impl Pending {
     ) -> Result<Self, AxisError> {
         let request = handles.shared.submit(command, asked);
         let request = request.map_err(|kind| handles.shared.error(kind))?;
-        let on_drop = if request.is_motion() {
-            OnDrop::Withdraw
-        } else {
-            OnDrop::GoOn
+        let on_drop = match command {
+            Command::Move(command) if command.set_point.halt_on_drop => OnDrop::End,
+            _ if request.is_motion() => OnDrop::Withdraw,
+            _ => OnDrop::GoOn,
         };
         Ok(Self {
             handles,

@@ -245,7 +245,7 @@ impl AxisPort {
         shared.outputs.merge(next.outputs);
     }
 
-    /// Takes back what was given up and not sent, and ends a homing that was sent and is to end.
+    /// Takes back what was given up and not sent, and ends a motion that was sent and is to end.
     fn withdraw_given_up(&mut self, next: &mut NextFrame<'_>) {
         let NextFrame { core, now, outputs } = next;
         let mut any = false;
@@ -253,7 +253,7 @@ impl AxisPort {
             if let Some(ends) = request.take_withdrawal() {
                 let withdrawn = core.withdraw(*now, request.id, outputs);
                 if !withdrawn && ends {
-                    core.end_homing(*now, request.id, outputs);
+                    core.end_motion(*now, request.id, outputs);
                 }
                 any = true;
             }

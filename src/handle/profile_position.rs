@@ -10,7 +10,7 @@ use core::{
 use std::sync::Arc;
 
 use crate::{
-    axis::{Command, Completion, Failure, ParameterFault, StopRequest},
+    axis::{Command, Completion, Failure, ParameterFault},
     profile_position::{MoveCommand, Reference, SetPoint},
     units::{AxisUnit, Counts},
 };
@@ -74,7 +74,8 @@ impl<U: AxisUnit> ProfilePosition<U> {
     /// Moves to a position; resolves when the drive has acknowledged the set-point.
     ///
     /// Parameters that the set-point names and that are not in the process data are written by SDO and confirmed
-    /// before. Dropped before bit 4 rose, the move is withdrawn; later, the drive executes it.
+    /// before. Dropped before bit 4 rose, the move is withdrawn; later, the drive executes it, or is halted where the set-point
+    /// says so ([`SetPoint::halt_on_drop`]).
     ///
     /// # Errors
     /// With the reason: the axis refuses the move (not enabled, halted, a fault, a start that the drive cannot do, a parameter of
@@ -368,23 +369,18 @@ impl<U: AxisUnit> fmt::Display for Outcome<U> {
     }
 }
 
-/// A move that the drive has acknowledged. Dropping it does not stop the motion, see
-/// [`halt_on_drop`](Self::halt_on_drop).
+/// A move that the drive has acknowledged. Dropping it stops the motion only where its set-point says so
+/// ([`SetPoint::halt_on_drop`]).
 #[must_use = "await `done()` for the outcome"]
 #[derive(Debug)]
 pub struct Move<U: AxisUnit = Counts> {
     pending: Pending,
     command: MoveCommand<U>,
-    halt_on_drop: bool,
 }
 
 impl<U: AxisUnit> Move<U> {
     pub(super) const fn new(pending: Pending, command: MoveCommand<U>) -> Self {
-        Self {
-            pending,
-            command,
-            halt_on_drop: false,
-        }
+        Self { pending, command }
     }
 
     /// What was asked for.
@@ -417,12 +413,6 @@ impl<U: AxisUnit> Move<U> {
         self.pending
             .result()
             .map(|result| result.and_then(|completion| self.outcome_of(completion)))
-    }
-
-    /// Halts the axis when this is dropped before the outcome.
-    pub const fn halt_on_drop(mut self) -> Self {
-        self.halt_on_drop = true;
-        self
     }
 
     fn wait(&self, through_halt: bool) -> Done<'_, U> {
@@ -482,14 +472,6 @@ impl<U: AxisUnit> Move<U> {
                 "move ended: {}",
                 error.reason()
             ),
-        }
-    }
-}
-
-impl<U: AxisUnit> Drop for Move<U> {
-    fn drop(&mut self) {
-        if self.halt_on_drop && self.pending.result().is_none() {
-            self.pending.handles.shared.request_stop(StopRequest::HALT);
         }
     }
 }

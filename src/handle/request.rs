@@ -31,7 +31,7 @@ const ACCEPTED: u8 = 3;
 // Whether a request was given up after the bus thread took it.
 
 const WITHDRAW: u8 = 1;
-/// A homing that was sent is to be stopped.
+/// A motion that was sent is to be stopped.
 const END: u8 = 2;
 
 /// Set beside the generation of a stop once that stop has ended.
@@ -152,7 +152,7 @@ impl AxisRequest {
         self.waiting.fetch_sub(1, AcqRel);
     }
 
-    /// Gives it up, so far as it was not sent. `ends`: a homing that was sent is stopped.
+    /// Gives it up, so far as it was not sent. `ends`: a motion that was sent is stopped.
     pub fn give_up(&self, ends: bool) {
         // The bus thread exchanges the same word to take it. Either it finds it given up and refuses it, or it has it already: then it
         // looks at what is stored here in its next cycle.
@@ -200,7 +200,7 @@ impl AxisRequest {
         taken.is_ok()
     }
 
-    /// Whether it was given up after it was taken, which is told once: and then whether a homing that was sent is to be stopped.
+    /// Whether it was given up after it was taken, which is told once: and then whether a motion that was sent is to be stopped.
     pub fn take_withdrawal(&self) -> Option<bool> {
         let is_given_up = self.withdrawal.load(Acquire) != 0;
         is_given_up.then(|| self.withdrawal.swap(0, AcqRel) == END)

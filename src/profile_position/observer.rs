@@ -590,6 +590,13 @@ impl Observer {
         Some(ends.fold(first, |all, ends| all.with(ends, bounds)))
     }
 
+    /// Whether this one is held, and its outcome is not reported.
+    #[cfg(feature = "std")]
+    pub fn is_untold(&self, id: CommandId) -> bool {
+        let mut held = self.entries.iter().flatten();
+        held.any(|entry| entry.id == id && entry.report != Report::Outcome)
+    }
+
     /// Whether there is one whose outcome is not reported.
     pub fn has_untold(&self) -> bool {
         let mut held = self.entries.iter().flatten();

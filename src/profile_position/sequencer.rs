@@ -96,6 +96,13 @@ impl Sequencer {
         self.needs_stop || self.observer.has_way() || self.handshake.is_under_way()
     }
 
+    /// Whether the drive may hold this move, or take it, and its outcome is not reported.
+    #[cfg(feature = "std")]
+    pub fn is_under_way(&self, id: CommandId) -> bool {
+        let sent = self.handshake.on_its_way();
+        sent.is_some_and(|sent| sent.request.id == id) || self.observer.is_untold(id)
+    }
+
     /// Whether only a stop makes known what the drive holds.
     pub const fn needs_stop(&self) -> bool {
         self.needs_stop

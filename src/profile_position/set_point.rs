@@ -42,6 +42,8 @@ pub struct SetPoint<U: AxisUnit = Counts> {
     pub buffer_mode: BufferMode,
     /// Velocity, ramps and profile.
     pub parameters: Parameters<U>,
+    /// Whether the axis is halted when whoever waits for the move is dropped before its end.
+    pub halt_on_drop: bool,
 }
 
 /// Velocity, ramps and profile type of a move, in the unit of the axis.
@@ -66,6 +68,7 @@ impl<U: AxisUnit> SetPoint<U> {
         Self {
             buffer_mode: BufferMode::Aborting,
             parameters: Parameters::new(),
+            halt_on_drop: false,
         }
     }
 
@@ -104,6 +107,21 @@ impl<U: AxisUnit> SetPoint<U> {
         self
     }
 
+    /// Dropped before its end the move does not go on: the axis is halted. That holds for the future that sends it, for the
+    /// [`Move`](crate::profile_position::Move), and for the moves of [`start_together`](crate::axis::start_together) and of a
+    /// [`Follow`](crate::profile_position::Follow), each of which halts its axis. A move that was not sent is withdrawn.
+    ///
+    /// ```
+    /// use servocrab::profile_position::SetPoint;
+    /// let careful: SetPoint = SetPoint::new().velocity(5_000).halt_on_drop();
+    /// assert!(careful.halt_on_drop);
+    /// ```
+    #[must_use]
+    pub const fn halt_on_drop(mut self) -> Self {
+        self.halt_on_drop = true;
+        self
+    }
+
     /// With this buffer mode.
     #[must_use]
     pub const fn buffer_mode(mut self, buffer_mode: BufferMode) -> Self {
@@ -125,8 +143,9 @@ impl Hash for SetPoint {
         let Self {
             buffer_mode,
             parameters,
+            halt_on_drop,
         } = self;
-        (buffer_mode, parameters).hash(state);
+        (buffer_mode, parameters, halt_on_drop).hash(state);
     }
 }
 
@@ -197,6 +216,7 @@ impl<U: AxisUnit> MoveCommand<U> {
             set_point: SetPoint {
                 buffer_mode: self.set_point.buffer_mode,
                 parameters: self.set_point.parameters.in_counts(scale)?,
+                halt_on_drop: self.set_point.halt_on_drop,
             },
             gated: self.gated,
         })

@@ -157,6 +157,44 @@ fn every_kind_of_stop_is_in_the_next_frame() {
 }
 
 #[test]
+fn a_stop_of_all_that_is_awaited_ends_when_all_stand_or_names_those_that_do_not() {
+    let second = Duration::from_secs(1);
+    let positions = |watched: &Watched| watched.axes.each_ref().map(|axis| axis.status().position);
+    for stop in [
+        StopRequest::STOP,
+        StopRequest::QUICK_STOP,
+        StopRequest::HALT,
+    ] {
+        let (mut watched, moves) = Watched::moving();
+        let stopped = watched.rig.net().stop_all_and_wait(stop, 5 * second);
+        // It waits for nobody to look at it.
+        let before = watched.words.lock().unwrap().last().copied();
+        assert_ne!(Some(watched.next()), before, "{stop:?}");
+        watched.rig.until(stopped).unwrap();
+        let rest = positions(&watched);
+        watched.rig.run_for(200 * MS);
+        assert_eq!(positions(&watched), rest, "{stop:?}");
+        drop(moves);
+        for axis in watched.axes.clone() {
+            watched.rig.until(axis.enable()).unwrap();
+        }
+    }
+    let (mut watched, _moves) = Watched::moving();
+    let stopped = watched
+        .rig
+        .net()
+        .stop_all_and_wait(StopRequest::STOP, 2 * MS);
+    let error = watched.rig.until(stopped).unwrap_err();
+    let text = error.to_string();
+    assert_eq!(error.axes.len(), 2, "{text}");
+    assert!(
+        text.starts_with("not every axis was seen to stand: "),
+        "{text}"
+    );
+    assert!(text.contains("axis x") && text.contains("axis y"), "{text}");
+}
+
+#[test]
 fn a_liveness_that_runs_out_halts_all_axes_in_the_next_frame() {
     let (mut watched, _moves) = Watched::moving();
     let live = watched.rig.net().liveness(20 * MS).unwrap();

@@ -1,14 +1,14 @@
 //! Halts, stops, the stop lane, and what dropping handles does.
 
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure},
+    axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure, start_together},
     coe::{AnyObject, obj},
     ds402::{State, StopOptions},
     profile_position::{BufferMode, Outcome, SetPoint},
 };
 use servocrab_sim::ds402;
 
-use crate::machine::{Machine, Task, Variant, at_target};
+use crate::machine::{Machine, Task, Variant, at_target, lock};
 
 const HALT: u16 = 0x0100;
 
@@ -532,18 +532,88 @@ fn an_axis_that_is_to_keep_moving_arrives_without_any_handle() {
 fn a_move_that_halts_on_drop_halts_only_before_its_outcome() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
-    let moved = machine.finish(pp.move_abs(100, SetPoint::new())).unwrap();
-    let moved = moved.halt_on_drop();
+    let halting = SetPoint::new().halt_on_drop();
+    let moved = machine.finish(pp.move_abs(100, halting)).unwrap();
     machine.finish(moved.done()).unwrap();
     drop(moved);
     machine.run(10);
     assert!(!axis.status().halted);
-    let moved = machine
-        .finish(pp.move_abs(100_000, SetPoint::new()))
-        .unwrap();
-    drop(moved.halt_on_drop());
+    let moved = machine.finish(pp.move_abs(100_000, halting)).unwrap();
+    drop(moved);
     machine.cycle();
     assert!(axis.status().halted);
+}
+
+/// Polls it in so many cycles: it does not end.
+fn awaited<T>(machine: &mut Machine, task: &mut Task<'_, T>, cycles: usize) {
+    for _ in 0..cycles {
+        assert!(task.poll().is_none());
+        machine.cycle();
+    }
+}
+
+#[test]
+fn a_path_that_halts_on_drop_halts_its_axis_and_what_waits_is_withdrawn() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let halting = SetPoint::new()
+        .buffer_mode(BufferMode::Buffered)
+        .halt_on_drop();
+    let targets = [20_000, 40_000, 60_000, 80_000];
+    let mut task = Task::new(async {
+        let path = pp.follow(targets.map(|target| pp.abs(target, halting)));
+        path.finish().await
+    });
+    awaited(&mut machine, &mut task, 60);
+    drop(task);
+    machine.cycle();
+    assert!(axis.status().halted);
+    machine.run(2_000);
+    assert!(machine.stands());
+    assert_eq!(machine.drive().ledger().len(), 2, "one active, one queued");
+}
+
+#[test]
+fn each_axis_of_a_group_that_halts_on_drop_is_halted_while_the_first_is_awaited() {
+    let mut machine = Machine::new(2);
+    let leases: Vec<_> = [0, 1]
+        .map(|place| {
+            let axis = machine.axis(place);
+            machine.finish(axis.enable()).unwrap();
+            machine.finish(axis.profile_position()).unwrap()
+        })
+        .into();
+    let halting = SetPoint::new().halt_on_drop();
+    let mut task = Task::new(async {
+        let [x, y] = [&leases[0], &leases[1]].map(|pp| pp.abs(90_000, halting));
+        for motion in start_together([x, y]).await? {
+            motion.done().await?;
+        }
+        Ok::<(), AxisError>(())
+    });
+    awaited(&mut machine, &mut task, 60);
+    drop(task);
+    machine.cycle();
+    for pp in &leases {
+        assert!(pp.axis().status().halted);
+    }
+    machine.run(2_000);
+    for station in &machine.stations {
+        let position = lock(&station.drive).position();
+        assert!(position < 80_000, "{position}");
+    }
+}
+
+#[test]
+fn a_move_that_halts_on_drop_and_is_dropped_before_it_was_sent_halts_nothing() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let mut task = Task::new(pp.move_abs(9_000, SetPoint::new().halt_on_drop()));
+    assert!(task.poll().is_none());
+    drop(task);
+    machine.run(50);
+    assert!(!axis.status().halted);
+    assert_eq!(machine.drive().ledger().len(), 0);
 }
 
 #[test]

@@ -104,6 +104,9 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let frames = outbound + inbound + other;
     let file = arguments.pcapng.display().to_string();
     let mut text = format!("{frames} frames in {file}: {outbound} sent, {inbound} received\n");
+    if frames == 0 {
+        text += "no EtherCAT frame went by: is this the interface of the line, and does a program run on it?\n";
+    }
     if dropped > 0 {
         text += &format!(
             "the kernel has dropped {dropped} frames of any kind, since this computer was too busy to take them\n"

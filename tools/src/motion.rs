@@ -76,16 +76,12 @@ pub(crate) struct Home {
 
 /// Moves to a position or by a distance. Ctrl-C stops at once.
 #[derive(Args)]
+#[command(group(clap::ArgGroup::new("target").required(true).args(["to", "by"])))]
 pub(crate) struct Move {
     #[command(flatten)]
     axis: AxisArguments,
     /// To this position, in counts; the axis must know where it is
-    #[arg(
-        long,
-        allow_negative_numbers = true,
-        required_unless_present = "by",
-        conflicts_with = "by"
-    )]
+    #[arg(long, allow_negative_numbers = true)]
     to: Option<i32>,
     /// By this distance, in counts
     #[arg(long, allow_negative_numbers = true)]

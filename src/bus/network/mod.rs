@@ -31,14 +31,14 @@ use super::{
         statistics::{DriveStatistics, Statistics, Timing},
     },
     device::{io::Io, progress::Listener},
-    error::{NetworkError, SettingError},
+    error::{NetworkError, NotStopped, SettingError},
     event::{NetworkEvent, Recovered},
     expected::DevicePlace,
     recorder::{Recorder, Signal},
     watch::{Control, DevicePorts, Question},
 };
 use crate::{
-    axis::{Axis, AxisError, AxisSource, AxisStatistics, Liveness, StopRequest},
+    axis::{Axis, AxisError, AxisSource, AxisStatistics, Failure, Liveness, StopRequest},
     coe::{DriveId, Emergencies, SdoHandle},
     units::Unit,
     wakes::Waiters,
@@ -149,33 +149,14 @@ impl Network {
     /// # Errors
     /// The first error. The faults of all other axes are reset all the same.
     pub async fn reset_faults(&self) -> Result<(), AxisError> {
-        let axes: Vec<Axis> = self
-            .view
-            .axes
-            .iter()
-            .map(AxisSource::uncounted_axis)
-            .collect();
-        let mut resets: Vec<_> = axes
-            .iter()
-            .map(|axis| Box::pin(axis.reset_fault()))
-            .collect();
-        let mut results: Vec<_> = resets.iter().map(|_| None).collect();
-        poll_fn(|cx| {
-            for (reset, result) in resets.iter_mut().zip(&mut results) {
-                if result.is_none()
-                    && let Poll::Ready(reset) = reset.as_mut().poll(cx)
-                {
-                    *result = Some(reset);
-                }
-            }
-            if results.iter().all(Option::is_some) {
-                Poll::Ready(())
-            } else {
-                Poll::Pending
-            }
-        })
-        .await;
-        results.into_iter().flatten().collect()
+        let axes = self.uncounted_axes();
+        let resets = axes.iter().map(Axis::reset_fault);
+        all_of(resets).await.into_iter().collect()
+    }
+
+    fn uncounted_axes(&self) -> Vec<Axis> {
+        let sources = self.view.axes.iter();
+        sources.map(AxisSource::uncounted_axis).collect()
     }
 
     /// The inputs and outputs of the device with this name.
@@ -743,6 +724,48 @@ impl Network {
         self.view.control.request_stop(stop);
     }
 
+    /// Stops every axis, in the next frame, and waits until all of them stand, no longer than this by the network's time. Asked for by the
+    /// call: dropped, the future takes nothing back. An axis that is disabled, or has a fault and stands, has stopped.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use std::time::Duration;
+    /// use servocrab::axis::StopRequest;
+    /// net.stop_all_and_wait(StopRequest::STOP, Duration::from_secs(5)).await?;
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Of the future: [`NotStopped`] names the axes that were not seen to stand, each with the reason.
+    pub fn stop_all_and_wait(
+        &self,
+        stop: StopRequest,
+        within: Duration,
+    ) -> impl Future<Output = Result<(), NotStopped>> + use<> {
+        self.stop_all(stop);
+        let axes = self.uncounted_axes();
+        async move {
+            let stops = axes.iter().map(|axis| axis.stopped_within(stop, within));
+            let failed = all_of(stops).await.into_iter().filter_map(Result::err);
+            let stands = |error: &AxisError| matches!(error.failure(), Some(Failure::Fault { .. }));
+            let axes: Vec<_> = failed.filter(|error| !stands(error)).collect();
+            if axes.is_empty() {
+                Ok(())
+            } else {
+                Err(NotStopped { axes })
+            }
+        }
+    }
+
     /// Stops every axis from anywhere: signal handlers, panic hooks, other threads.
     ///
     /// ```
@@ -810,6 +833,28 @@ impl Network {
         self.view.control.add_watch(watch);
         Ok(liveness)
     }
+}
+
+/// Waits for all of them at once.
+async fn all_of<F: Future>(futures: impl Iterator<Item = F>) -> Vec<F::Output> {
+    let mut futures: Vec<_> = futures.map(Box::pin).collect();
+    let mut results: Vec<_> = futures.iter().map(|_| None).collect();
+    poll_fn(|cx| {
+        for (future, result) in futures.iter_mut().zip(&mut results) {
+            if result.is_none()
+                && let Poll::Ready(ready) = future.as_mut().poll(cx)
+            {
+                *result = Some(ready);
+            }
+        }
+        if results.iter().all(Option::is_some) {
+            Poll::Ready(())
+        } else {
+            Poll::Pending
+        }
+    })
+    .await;
+    results.into_iter().flatten().collect()
 }
 
 /// Stops every axis of a network, in the next frame. It neither blocks nor fails.
