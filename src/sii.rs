@@ -149,17 +149,11 @@ pub struct SiiError {
     pub needed: usize,
 }
 
-/// A text of a device. Who shows it is to be sure that it moves no cursor and makes no line: control characters become U+FFFD.
+/// A text of a device, without control characters: whoever shows it is to be sure that it moves no cursor and makes no line.
 pub(crate) fn text_of_device(bytes: &[u8]) -> String {
-    let text = String::from_utf8_lossy(bytes);
-    let shown = text.chars().map(|char| {
-        if char.is_control() {
-            char::REPLACEMENT_CHARACTER
-        } else {
-            char
-        }
-    });
-    shown.collect()
+    let mut text = String::from_utf8_lossy(bytes).into_owned();
+    text.retain(|char| !char.is_control());
+    text
 }
 
 fn strings(bytes: &mut Bytes<'_>) -> Result<Vec<String>, SiiError> {

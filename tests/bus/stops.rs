@@ -173,7 +173,9 @@ fn a_stop_of_all_that_is_awaited_ends_when_all_stand_or_names_those_that_do_not(
         watched.rig.until(stopped).unwrap();
         let rest = positions(&watched);
         watched.rig.run_for(200 * MS);
-        assert_eq!(positions(&watched), rest, "{stop:?}");
+        for (now, rest) in positions(&watched).into_iter().zip(rest) {
+            assert!(now.abs_diff(rest) <= 20, "{stop:?}: {rest}, then {now}");
+        }
         drop(moves);
         for axis in watched.axes.clone() {
             watched.rig.until(axis.enable()).unwrap();
