@@ -15,7 +15,7 @@ What the source documents of the drives say, sentence by sentence in our own wor
 drive and the library do it. This page is generated from the tables in `tests/conformance/`; change those.
 
 Each cell names a test of `cargo test --test conformance` and, behind the arrow, the mutation of `tests/mutants.toml` that turns
-this very test red. CI demands that each test named here fails with its mutation (`cargo xtask mutants`). The simulated drive's
+this very test red. Each test named here has to fail with its mutation (`cargo xtask mutants`). The simulated drive's
 tests give it objects and controlwords and look at its statusword, its position and its ledger of executed set-points. The
 library's tests look at the words on the wire, at what is reported, and at that ledger.
 ";
