@@ -21,7 +21,7 @@ use std::{
 use clap::Parser;
 use picture::{Bit, Panel, Picture, Recorder, Step, Word, lock};
 use servocrab::{
-    axis::{AxisError, AxisErrorKind, Failure, Referencing},
+    axis::{AxisError, AxisErrorKind, Failure, Referencing, Tolerances},
     bus::{AxisConfig, BusLoop, DriveConfig, Network},
     drives::{self, DriveDescription},
     link::Wire,
@@ -317,8 +317,14 @@ fn run(name: &str, drive: Drive, story: impl FnOnce(&mut Stage) -> Result) -> Re
         }
         comes_back
     });
-    let config = DriveConfig::new(drive.description)
-        .axis(AxisConfig::new("x").referencing(Referencing::AbsoluteEncoder));
+    // Short moves, on drives that go on to the next one while the axis still follows: what is close is to be seen as there.
+    let axis = AxisConfig::new("x")
+        .referencing(Referencing::AbsoluteEncoder)
+        .tolerances(Tolerances {
+            position: 200,
+            settle: Duration::from_millis(20),
+        });
+    let config = DriveConfig::new(drive.description).axis(axis);
     let builder = Network::builder()
         .link(wire)
         .cycle(Duration::from_millis(1))
