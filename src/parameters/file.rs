@@ -585,10 +585,7 @@ impl ParameterSet {
         if text.len() > LONGEST_FILE {
             return Err(Source::new(&text, &path.display().to_string()).too_long());
         }
-        let new = NewFile::create(path)?;
-        let written = new.file().write_all(text.as_bytes());
-        written.map_err(|error| io_error(path, &error))?;
-        new.complete()
+        NewFile::write(path, text.as_bytes())
     }
 }
 
@@ -635,6 +632,17 @@ impl NewFile {
             kept.map_err(failed)?;
         }
         Ok(new)
+    }
+
+    /// All of it in one go.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create) and [`complete`](Self::complete).
+    pub fn write(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), FileError> {
+        let new = Self::create(path)?;
+        let written = new.file().write_all(bytes);
+        written.map_err(|error| io_error(&new.named, &error))?;
+        new.complete()
     }
 
     /// What is written to.
@@ -966,12 +974,17 @@ mod tests {
         }
     }
 
+    fn set_error(text: &str) -> String {
+        ParameterSet::from_toml(text, "left.toml")
+            .unwrap_err()
+            .to_string()
+    }
+
     #[test]
     fn a_command_in_a_file_is_refused_with_its_line() {
         let text = "drive = \"left\"\n[[parameter]]\nobject = \"modes of operation\"\nvalue = 1\n";
-        let error = ParameterSet::from_toml(text, "left.toml").unwrap_err();
         assert_eq!(
-            error.to_string(),
+            set_error(text),
             "left.toml:3: drive \"left\": object \"modes of operation\": this object is a command or a record, and no parameter"
         );
     }
@@ -979,9 +992,8 @@ mod tests {
     #[test]
     fn an_object_that_is_twice_in_a_file_is_refused_at_the_second() {
         let text = "[[parameter]]\nobject = \"6081h:00\"\nvalue = 1\n[[parameter]]\nobject = \"profile velocity\"\nvalue = 2\n";
-        let error = ParameterSet::from_toml(text, "left.toml").unwrap_err();
         assert_eq!(
-            error.to_string(),
+            set_error(text),
             "left.toml:5: object \"profile velocity\": this object is in the file already: leave one of the two out"
         );
     }

@@ -151,7 +151,8 @@ fn escaped(text: &str, is_shown: impl Fn(char) -> bool) -> String {
         if is_shown(char) && !turns(char) {
             plain.push(char);
         } else {
-            plain.extend(char.escape_unicode());
+            // As JSON writes it: what is said as JSON stays that.
+            let _ = write!(plain, "\\u{:04x}", u32::from(char));
         }
     }
     plain
@@ -243,9 +244,13 @@ mod tests {
     fn a_name_moves_no_cursor_and_makes_no_row() {
         let name = "x\u{1b}[2J\r\n1  forged\u{202E}\u{9b}2J".to_owned();
         let text = table(["name"], &[[name.clone()]]);
-        let row = "x\\u{1b}[2J\\u{d}\\u{a}1  forged\\u{202e}\\u{9b}2J";
+        let row = "x\\u001b[2J\\u000d\\u000a1  forged\\u202e\\u009b2J";
         assert_eq!(text, format!("name\n{row}\n"));
-        assert_eq!(shown("a\nb\u{1b}"), "a\nb\\u{1b}");
+        assert_eq!(shown("a\nb\u{1b}"), "a\nb\\u001b");
+        let json = json!({ "name": name });
+        let said = shown(&format!("{json:#}"));
+        assert_eq!(serde_json::from_str::<Value>(&said).unwrap(), json);
+        assert!(said.is_ascii(), "{said}");
     }
 
     #[test]

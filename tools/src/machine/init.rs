@@ -2,7 +2,6 @@
 
 use std::{
     fmt::Write as _,
-    io::Write as _,
     path::{Path, PathBuf},
 };
 
@@ -66,10 +65,10 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         .await;
     line.close().await;
     let machine = found?;
-    write(&arguments.file, &toml(&machine))?;
+    NewFile::write(&arguments.file, toml(&machine).as_bytes())?;
     let mut written = vec![arguments.file.display().to_string()];
     if let Some(file) = &arguments.rust {
-        write(file, &rust::source(&machine))?;
+        NewFile::write(file, rust::source(&machine).as_bytes())?;
         written.push(file.display().to_string());
     }
     let count = |is: fn(Kind) -> bool| {
@@ -96,14 +95,6 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         text,
     )?;
     Ok(true)
-}
-
-/// At once or not at all.
-fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    let new = NewFile::create(path)?;
-    let written = new.file().write_all(text.as_bytes());
-    written.map_err(|error| format!("{}: {error}", path.display()))?;
-    Ok(new.complete()?)
 }
 
 async fn machine(line: &Line, files: &[(&Path, Esi)], clocks: bool) -> Result<Machine, Failure> {
