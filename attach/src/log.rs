@@ -109,25 +109,25 @@ fn shown(text: &str) -> String {
 /// How many lines were written in this second.
 #[derive(Debug, Default)]
 struct Pace {
-    since: Option<Instant>,
+    /// When it is over.
+    until: Option<Instant>,
     lines: usize,
 }
 
 impl Pace {
     /// A line is written now: how long to wait before.
     fn pause(&mut self, now: Instant) -> Option<Duration> {
-        let second = Duration::from_secs(1);
-        let since = *self.since.get_or_insert(now);
-        let left = second.saturating_sub(now.saturating_duration_since(since));
-        let is_full = self.lines == ROOM && !left.is_zero();
-        if is_full || left.is_zero() {
-            *self = Self {
-                since: Some(now + if is_full { left } else { Duration::ZERO }),
-                lines: 0,
-            };
+        let over = self.until.is_none_or(|until| until <= now);
+        let pause = match self.until {
+            Some(until) if !over && self.lines == ROOM => Some(until - now),
+            _ => None,
+        };
+        if over || pause.is_some() {
+            self.until = Some(now + pause.unwrap_or_default() + Duration::from_secs(1));
+            self.lines = 0;
         }
         self.lines += 1;
-        is_full.then_some(left)
+        pause
     }
 }
 

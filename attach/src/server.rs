@@ -308,6 +308,15 @@ fn directory() -> PathBuf {
     PathBuf::from(runtime.unwrap_or_else(|| "/run".into())).join("servocrab")
 }
 
+/// Removes what is left of a program that was killed, and nothing else.
+fn remove_socket(socket: &Path) -> io::Result<()> {
+    if fs::symlink_metadata(socket)?.file_type().is_socket() {
+        return fs::remove_file(socket);
+    }
+    let text = "what is there is no socket, and is left as it is: name another";
+    Err(io::Error::new(ErrorKind::AlreadyExists, text))
+}
+
 /// Where the socket is to be, with nothing in its place.
 fn socket(attach: &Attach) -> Result<PathBuf, AttachError> {
     let name = attach.name.as_str();
@@ -335,16 +344,7 @@ fn socket(attach: &Attach) -> Result<PathBuf, AttachError> {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(socket),
         // Left over from a program that was killed.
         Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
-            let left = fs::symlink_metadata(&socket).map(|left| left.file_type().is_socket());
-            let removed = match left {
-                Ok(true) => fs::remove_file(&socket),
-                Ok(false) => Err(io::Error::new(
-                    ErrorKind::AlreadyExists,
-                    "what is there is no socket, and is left as it is: name another",
-                )),
-                Err(error) => Err(error),
-            };
-            match removed {
+            match remove_socket(&socket) {
                 Ok(()) => Ok(socket),
                 Err(error) => Err(AttachError::Io {
                     path: socket,

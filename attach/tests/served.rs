@@ -535,17 +535,17 @@ fn what_is_not_understood_is_refused_in_json_too() {
     let (_runtime, attached) = shown(&net, |attach| {
         attach.grant(servocrab_attach::Grant::Parameters)
     });
-    let long = "x".repeat(70_000);
+    let length = 70_000;
     let request = format!(
-        "POST /v1/od/0/6081h/0 HTTP/1.1\r\nHost: x\r\nContent-Length: {}\r\n\r\n{long}",
-        long.len()
+        "POST /v1/od/0/6081h/0 HTTP/1.1\r\nHost: localhost\r\nContent-Length: {length}\r\n\r\n"
     );
-    let mut stream = std::os::unix::net::UnixStream::connect(attached.socket()).unwrap();
+    let mut stream = UnixStream::connect(attached.socket()).unwrap();
+    stream.write_all(request.as_bytes()).unwrap();
     // It may be refused before all of it was sent.
-    let _ = std::io::Write::write_all(&mut stream, request.as_bytes());
+    let _ = stream.write_all(&vec![b'x'; length]);
     let mut answer = vec![0; 4096];
-    let read = std::io::Read::read(&mut stream, &mut answer).unwrap();
-    let answer = String::from_utf8_lossy(&answer[..read]).into_owned();
+    let read = stream.read(&mut answer).unwrap();
+    let answer = String::from_utf8_lossy(&answer[..read]);
     assert!(answer.starts_with("HTTP/1.1 413"), "{answer}");
     assert!(answer.contains("application/json"), "{answer}");
     drop(attached);
