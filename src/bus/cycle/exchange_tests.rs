@@ -6,7 +6,7 @@ use proptest::{collection::vec, prelude::*};
 
 use crate::{
     bus::cycle::{
-        Answer, Exchange, PATTERN, PATTERNS,
+        Answer, Exchange, PATTERN, PATTERNS, SeenState,
         frame::{BEHIND_TAG, InputMarker, Member, Tag, logical_addresses},
         statistics::Counters,
     },
@@ -275,7 +275,7 @@ fn inputs_of_which_one_bit_differs_from_the_pattern_are_an_answer() {
 fn a_drive_that_comes_back_is_not_taken_to_be_in_op_before_its_state_was_read() {
     let (mut exchange, counters) = (two_drives(), Counters::default());
     for drive in exchange.drives.iter_mut() {
-        drive.operational = true;
+        drive.seen = SeenState::Op;
     }
     cycle(&mut exchange, &counters, both);
     assert_eq!(worth(&exchange, 1), Answer::Fresh);
@@ -291,7 +291,7 @@ fn a_drive_that_comes_back_is_not_taken_to_be_in_op_before_its_state_was_read() 
 fn a_drive_that_has_left_op_and_closes_its_outputs_does_not_hold_up_the_others() {
     let (mut exchange, counters) = (two_drives(), Counters::default());
     for drive in exchange.drives.iter_mut() {
-        drive.operational = true;
+        drive.seen = SeenState::Op;
     }
     let closed = |frame: &mut [u8]| {
         both(frame);
@@ -301,8 +301,7 @@ fn a_drive_that_has_left_op_and_closes_its_outputs_does_not_hold_up_the_others()
         cycle(&mut exchange, &counters, closed),
         [Answer::Answered; 2]
     );
-    exchange.drives[1].operational = false;
-    exchange.drives[1].not_in_op = true;
+    exchange.drives[1].seen = SeenState::LeftOp;
     assert_eq!(cycle(&mut exchange, &counters, closed)[0], Answer::Fresh);
     assert_eq!(worth(&exchange, 1), Answer::Answered);
     assert_eq!(cycle(&mut exchange, &counters, both)[0], Answer::Fresh);
@@ -638,8 +637,8 @@ proptest! {
                     && let Some(drive) = exchange.drives.get_mut(place)
                 {
                     match seen {
-                        ShownByDrive::InOp => (drive.operational, drive.not_in_op) = (true, false),
-                        ShownByDrive::Fallen => (drive.operational, drive.not_in_op) = (false, true),
+                        ShownByDrive::InOp => drive.seen = SeenState::Op,
+                        ShownByDrive::Fallen => drive.seen = SeenState::LeftOp,
                         ShownByDrive::PutBack => drive.put_back(),
                         ShownByDrive::Away => exchange.drives.take_away(place),
                     }

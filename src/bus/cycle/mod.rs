@@ -27,7 +27,7 @@ use crate::{
     axis::Inputs,
     bus::{
         cable::{receive_deadline, time_on_cable},
-        error::{NetworkError, ReferenceClock},
+        error::{AlState, AlStatus, NetworkError, ReferenceClock},
     },
     link::Link,
     profile_position::WorkingCounter,
@@ -620,19 +620,38 @@ pub(in crate::bus) struct DriveData {
     pub lost: bool,
     /// The working counter because of which it is not known whether its outputs were delivered, where it has answered.
     pub miscounted: Option<WorkingCounter>,
-    /// Whether it is in OP, so that it acts on its outputs.
-    pub operational: bool,
-    /// Whether it was seen to have left OP: it may close its outputs then, and counts for its inputs alone.
-    pub not_in_op: bool,
+    /// In which AL state it was seen.
+    pub seen: SeenState,
     /// With which AL status code it has.
     pub left_op: Option<u16>,
-    /// Whether it was seen below SAFEOP, where it updates no inputs: what it answers is from before.
-    pub fallen: bool,
     /// Whether it is being set up anew: it counts as lost, and what it adds to a working counter meanwhile is nobody's loss.
     pub away: bool,
     stale_cycles: u32,
     pub patience: u32,
     pub marker: InputMarker,
+}
+
+/// In which AL state a drive was seen last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::bus) enum SeenState {
+    /// In none since it was lost, or taken into the exchange.
+    None,
+    /// It acts on its outputs.
+    Op,
+    /// It may close its outputs, and counts for its inputs alone.
+    LeftOp,
+    /// The same below SAFEOP, where it updates no inputs: what it answers is from before.
+    Below,
+}
+
+impl SeenState {
+    pub const fn of(status: AlStatus) -> Self {
+        match status.state {
+            AlState::Op if status.error.is_none() => Self::Op,
+            AlState::Op | AlState::SafeOp => Self::LeftOp,
+            _ => Self::Below,
+        }
+    }
 }
 
 /// What a cycle brought from a drive.
@@ -704,8 +723,10 @@ impl Drives {
         if let Some(drive) = self.drives.get_mut(place) {
             drive.away = true;
             drive.lost = true;
-            drive.operational = false;
-            drive.fallen = false;
+            drive.seen = match drive.seen {
+                SeenState::None | SeenState::Op => SeenState::None,
+                SeenState::LeftOp | SeenState::Below => SeenState::LeftOp,
+            };
             self.disturbed = true;
         }
     }
@@ -747,10 +768,8 @@ impl DriveData {
             answer: Answer::Stale,
             lost: false,
             miscounted: None,
-            operational: false,
-            not_in_op: false,
+            seen: SeenState::None,
             left_op: None,
-            fallen: false,
             away: false,
             stale_cycles: 0,
             patience: member.patience,
@@ -761,7 +780,17 @@ impl DriveData {
     /// It is set up, and not yet in OP.
     pub const fn put_back(&mut self) {
         self.away = false;
-        self.not_in_op = true;
+        self.seen = SeenState::LeftOp;
+    }
+
+    /// Whether it is in OP, so that it acts on its outputs.
+    pub const fn is_operational(&self) -> bool {
+        matches!(self.seen, SeenState::Op)
+    }
+
+    /// Whether it was seen to have left OP.
+    const fn has_left_op(&self) -> bool {
+        matches!(self.seen, SeenState::LeftOp | SeenState::Below)
     }
 
     /// The outputs, where they were written since this was asked last.
@@ -809,7 +838,7 @@ impl DriveData {
             return false;
         }
         let there = counter.is_some_and(|counter| counter != 0);
-        if !there && !self.not_in_op {
+        if !there && !self.has_left_op() {
             self.answer = Answer::Stale;
         }
         there
@@ -824,13 +853,14 @@ impl DriveData {
         }
     }
 
-    /// What its answer is worth to those who use its inputs.
+    /// How far those who use its inputs can trust them.
     #[inline]
     pub const fn worth(&self) -> Answer {
-        match self.answer {
-            _ if self.fallen => Answer::Stale,
-            Answer::Fresh if !self.operational => Answer::Answered,
-            answer => answer,
+        match (self.seen, self.answer) {
+            (SeenState::Op, answer) => answer,
+            (SeenState::Below, _) => Answer::Stale,
+            (SeenState::None | SeenState::LeftOp, Answer::Fresh) => Answer::Answered,
+            (SeenState::None | SeenState::LeftOp, answer) => answer,
         }
     }
 
@@ -841,7 +871,9 @@ impl DriveData {
             self.stale_cycles = self.stale_cycles.saturating_add(1);
             self.lost |= self.stale_cycles >= self.patience;
             // What state it comes back in is to be read anew.
-            self.operational &= !self.lost;
+            if self.lost && self.is_operational() {
+                self.seen = SeenState::None;
+            }
         } else {
             self.stale_cycles = 0;
         }
@@ -1030,7 +1062,7 @@ fn is_right_with_closed_outputs(
         if drive.away {
             return Some(share.counts);
         }
-        let is_closed = share.outputs.is_some() && drive.not_in_op && !drive.lost;
+        let is_closed = share.outputs.is_some() && drive.has_left_op() && !drive.lost;
         is_closed.then(|| share.counts - u16::from(share.inputs.is_some()))
     });
     let closed: u16 = closed.sum();

@@ -195,7 +195,7 @@ impl Port {
                 Answer::Fresh | Answer::Answered => Some(0),
             },
             lost: data.lost,
-            operational: data.operational,
+            operational: data.is_operational(),
             delivered: worth == Answer::Fresh && !is_off,
         };
         self.shared.cell.publish(self.head, &data.inputs);

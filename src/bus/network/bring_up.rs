@@ -11,7 +11,7 @@ use crate::{
         cable::CableLoad,
         clocks::{self, Clocks},
         cycle::{
-            Cycle, Exchange, Stepper,
+            Cycle, Exchange, SeenState, Stepper,
             frame::{Watched, logical_addresses},
         },
         device::{Device, progress::Progress},
@@ -303,7 +303,7 @@ pub(in crate::bus) async fn operate(
         if let Some(cycle) = &mut *context.cycle.borrow_mut()
             && let Some(data) = cycle.exchange.drives.get_mut(place)
         {
-            data.operational = true;
+            data.seen = SeenState::Op;
         }
         let note = LogRecord::BroughtUp(Arc::new(found.id.clone()));
         context.log.record(context.time.now(), note);

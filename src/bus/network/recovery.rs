@@ -332,7 +332,7 @@ impl Recovery {
     /// Whether the device takes its outputs.
     fn is_served(&self, place: usize) -> bool {
         self.data(place, |data| {
-            data.operational && data.answer == Answer::Fresh
+            data.is_operational() && data.answer == Answer::Fresh
         })
     }
 

@@ -15,7 +15,10 @@ use crate::{
     axis::{AxisSource, Delivery, Failure},
     bus::{
         clocks::LockWatch,
-        cycle::black_box::{AxisIncident, BlackBox, CycleRing},
+        cycle::{
+            DriveData,
+            black_box::{AxisIncident, BlackBox, CycleRing},
+        },
         device::{
             io::Io,
             io_port::Ports,
@@ -297,7 +300,7 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
             .cycle
             .borrow()
             .as_ref()
-            .is_some_and(|cycle| cycle.exchange.drives.iter().all(|drive| drive.operational));
+            .is_some_and(|cycle| cycle.exchange.drives.iter().all(DriveData::is_operational));
         let is_usual = usual == Some(seen) && !wrong && all_operational;
         if is_usual && seen.0 & STATE == OP {
             continue;

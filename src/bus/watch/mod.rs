@@ -18,7 +18,7 @@ use smol::channel::{Receiver, Sender};
 
 use super::{
     cycle::{
-        Cycle, CycleTick, DriveData,
+        Cycle, CycleTick, DriveData, SeenState,
         black_box::{AxisIncident, BlackBox},
         statistics::{Counters, Statistics},
     },
@@ -281,8 +281,9 @@ pub(super) async fn read_state(
             let mut cycle = context.cycle.borrow_mut();
             if let Some(data) = data_of(&mut cycle, place)
                 && data.inputs.is_empty()
+                && data.seen != SeenState::Op
             {
-                data.not_in_op = false;
+                data.seen = SeenState::None;
             }
         }
         Err(_) => {}
@@ -309,11 +310,11 @@ pub(super) fn note_state(
     let Some(data) = drives.get_mut(place).filter(|data| !data.away) else {
         return;
     };
-    let in_op = status.state == AlState::Op && status.error.is_none();
+    let seen = SeenState::of(status);
+    let in_op = seen == SeenState::Op;
     let left_op = status.error.filter(|_| !in_op);
     let is_new = data.left_op != left_op;
     data.left_op = left_op;
-    data.fallen = !matches!(status.state, AlState::Op | AlState::SafeOp);
     drives.doubted |= is_new;
     let Some(data) = drives.get_mut(place) else {
         return;
@@ -322,12 +323,11 @@ pub(super) fn note_state(
     if in_op && data.lost {
         return;
     }
-    // One that was lost is not operational, and may come back fallen.
-    if data.operational == in_op && data.not_in_op != in_op {
+    let before = core::mem::replace(&mut data.seen, seen);
+    // One that was lost may come back fallen.
+    if before != SeenState::None && (before == SeenState::Op) == in_op {
         return;
     }
-    data.operational = in_op;
-    data.not_in_op = !in_op;
     let change = if in_op {
         DriveChange::InOp
     } else {
