@@ -162,7 +162,7 @@ impl AxisCore {
         if unchanged && self.stays(at, &inputs) {
             return false;
         }
-        // What is unsent is due.
+        // Whatever is unsent is due.
         let is_due = at >= self.attention.0.due;
         if is_due && self.machines.has_unsent() {
             self.mark_sent(now);
@@ -293,15 +293,15 @@ impl AxisCore {
         withdrawn
     }
 
-    /// Ends the motion with this id, if it was sent and has not ended, since nobody waits for it any more: a homing as by
-    /// [`StopRequest::STOP`], a move as by [`StopRequest::HALT`].
+    /// What ends the motion with this id, if it was sent and has not ended: a homing is stopped, a move is halted.
     #[cfg(feature = "std")]
-    pub(crate) fn end_motion(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
+    pub(crate) fn stop_of(&self, id: CommandId) -> Option<StopRequest> {
         let modes = &self.machines.modes;
         if modes.homing.is_under_way(id) {
-            self.apply_stop(now, StopRequest::STOP, outputs);
-        } else if modes.sequencer.is_under_way(id) {
-            self.apply_stop(now, StopRequest::HALT, outputs);
+            Some(StopRequest::STOP)
+        } else {
+            let moves = modes.sequencer.is_under_way(id);
+            moves.then_some(StopRequest::HALT)
         }
     }
 

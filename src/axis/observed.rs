@@ -231,6 +231,7 @@ impl Observed {
         News::Shown
     }
 
+    /// Whether none of them is due. It costs less than to ask when.
     const fn bits_are_sure(&self) -> bool {
         let bits = [self.reached, self.acknowledge, self.error];
         bits[0].bit().is_sure() && bits[1].bit().is_sure() && bits[2].bit().is_sure()

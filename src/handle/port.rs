@@ -252,8 +252,12 @@ impl AxisPort {
         for Taken { request, .. } in &self.taken {
             if let Some(ends) = request.take_withdrawal() {
                 let withdrawn = core.withdraw(*now, request.id, outputs);
-                if !withdrawn && ends {
-                    core.end_motion(*now, request.id, outputs);
+                // It counts as asked for now, like each stop: in the frame that is about to be sent, and by all that was asked for before.
+                if !withdrawn
+                    && ends
+                    && let Some(stop) = core.stop_of(request.id)
+                {
+                    self.shared.request_stop(stop);
                 }
                 any = true;
             }

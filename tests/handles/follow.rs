@@ -66,6 +66,27 @@ fn only_what_the_drive_has_room_for_is_taken_from_the_stream() {
 }
 
 #[test]
+fn a_path_that_halts_on_drop_halts_its_axis_and_what_waits_is_withdrawn() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let halting = SetPoint::new()
+        .buffer_mode(BufferMode::Buffered)
+        .halt_on_drop();
+    let targets = [20_000, 40_000, 60_000, 80_000];
+    let mut task = Task::new(async {
+        let path = pp.follow(targets.map(|target| pp.abs(target, halting)));
+        path.finish().await
+    });
+    machine.run_beside(&mut task, 60);
+    drop(task);
+    machine.cycle();
+    assert!(axis.status().halted);
+    machine.run(2_000);
+    assert!(machine.stands());
+    assert_eq!(machine.drive().ledger().len(), 2, "one active, one queued");
+}
+
+#[test]
 fn a_halt_ends_the_path_behind_the_moves_that_the_drive_holds() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
@@ -114,10 +135,7 @@ fn a_path_that_is_dropped_leaves_the_sent_moves_and_nothing_else() {
     let after = SetPoint::new().buffer_mode(BufferMode::Buffered);
     let mut path = pp.follow(stream::iter((1..=9).map(|n| pp.abs(n * 5_000, after))));
     let mut next = Task::new(path.next());
-    for _ in 0..50 {
-        assert!(next.poll().is_none());
-        machine.cycle();
-    }
+    machine.run_beside(&mut next, 50);
     drop(next);
     drop(path);
     machine.run(2_000);
@@ -152,10 +170,7 @@ fn the_one_result_of_a_path_is_its_first_failure_or_its_last_outcome() {
         pp.follow([pp.abs(90_000, after), pp.abs(0, after)])
             .finish(),
     );
-    for _ in 0..100 {
-        assert!(finishing.poll().is_none());
-        machine.cycle();
-    }
+    machine.run_beside(&mut finishing, 100);
     machine.finish(axis.quick_stop()).unwrap();
     let failed = machine.finish_task(&mut finishing).unwrap_err();
     assert_eq!((failed.number, failed.command.target), (0, 90_000));

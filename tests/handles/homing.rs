@@ -79,10 +79,7 @@ fn an_axis_is_homed_by_its_limit_switch_and_then_knows_where_it_is() {
     let from = machine.stations[0].frames.len();
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
-    for _ in 0..50 {
-        assert!(home.poll().is_none());
-        machine.cycle();
-    }
+    machine.run_beside(&mut home, 50);
     assert!(!axis.status().referenced && axis.status().has_set_point);
     let Homed { position, .. } = machine.finish_task(&mut home).unwrap();
     assert!(axis.status().referenced && machine.drive().is_referenced());
@@ -418,10 +415,7 @@ fn a_homing_that_is_dropped_is_withdrawn_before_bit_4_and_stopped_after_it() {
         let (mut machine, axis) = Machine::enabled_of(&variant());
         let homing = machine.finish(axis.homing()).unwrap();
         let mut home = Task::new(homing.home(to_the_switch()));
-        for _ in 0..cycles {
-            assert!(home.poll().is_none());
-            machine.cycle();
-        }
+        machine.run_beside(&mut home, cycles);
         let was_sent = axis.status().has_set_point;
         machine.cycle_while(|| drop(home));
         machine.cycle();
@@ -709,10 +703,7 @@ fn a_homing_that_is_refused_writes_nothing() {
     };
 
     let mut home = Task::new(homing.home(to_the_switch()));
-    for _ in 0..40 {
-        assert!(home.poll().is_none());
-        machine.cycle();
-    }
+    machine.run_beside(&mut home, 40);
     refused(&mut machine, |failure| failure == Failure::Busy);
     let homed = machine.finish_task(&mut home).unwrap();
     assert!(homed.position.abs() < 100, "{homed:?}");

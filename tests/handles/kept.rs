@@ -168,10 +168,7 @@ fn the_parameters_of_a_move_that_was_sent_and_dropped_are_its_own_until_the_driv
     }
     drop(first);
     let mut second = Task::new(pp.move_abs(20_000, set_point(10_000)));
-    for _ in 0..7 {
-        assert!(second.poll().is_none());
-        machine.cycle();
-    }
+    machine.run_beside(&mut second, 7);
     machine.stations[0].deaf = false;
     let _ = machine.finish_task(&mut second);
     machine.run(500);
@@ -225,10 +222,7 @@ fn a_move_that_is_to_start_with_another_keeps_the_parameters_that_it_found() {
         on_y.abs(21_000, slow),
     ]));
     // The question whether it would be refused, and the write.
-    for _ in 0..2 {
-        assert!(together.poll().is_none());
-        machine.cycle();
-    }
+    machine.run_beside(&mut together, 2);
     is_busy(machine.finish(on_x.move_abs(22_000, slow)));
     for station in &machine.stations {
         assert!(station.sdo.written.lock().unwrap().is_empty());
@@ -250,10 +244,7 @@ fn a_move_without_parameters_waits_for_one_that_writes() {
     let mut first = Task::new(pp.move_abs(22_000, set_point));
     kept(&mut machine, &mut first);
     let mut second = Task::new(pp.move_abs(23_000, SetPoint::new()));
-    for _ in 0..20 {
-        assert!(second.poll().is_none());
-        machine.cycle();
-    }
+    machine.run_beside(&mut second, 20);
     assert!(machine.drive().ledger().is_empty());
     drop(machine.finish_task(&mut first).unwrap());
     drop(machine.finish_task(&mut second).unwrap());

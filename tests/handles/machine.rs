@@ -284,6 +284,15 @@ impl Machine {
         self.finish_task(&mut task)
     }
 
+    /// Runs so many cycles, in each of which the task is polled and does not end.
+    #[track_caller]
+    pub(crate) fn run_beside<T>(&mut self, task: &mut Task<'_, T>, cycles: usize) {
+        for _ in 0..cycles {
+            assert!(task.poll().is_none());
+            self.cycle();
+        }
+    }
+
     pub(crate) fn finish_task<T>(&mut self, task: &mut Task<'_, T>) -> T {
         for _ in 0..30_000 {
             if let Some(value) = task.poll() {

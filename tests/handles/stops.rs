@@ -1,14 +1,14 @@
 //! Halts, stops, the stop lane, and what dropping handles does.
 
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure, start_together},
+    axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure},
     coe::{AnyObject, obj},
     ds402::{State, StopOptions},
     profile_position::{BufferMode, Outcome, SetPoint},
 };
 use servocrab_sim::ds402;
 
-use crate::machine::{Machine, Task, Variant, at_target, lock};
+use crate::machine::{Machine, Task, Variant, at_target, kept, slow};
 
 const HALT: u16 = 0x0100;
 
@@ -544,64 +544,26 @@ fn a_move_that_halts_on_drop_halts_only_before_its_outcome() {
     assert!(axis.status().halted);
 }
 
-/// Polls it in so many cycles: it does not end.
-fn awaited<T>(machine: &mut Machine, task: &mut Task<'_, T>, cycles: usize) {
-    for _ in 0..cycles {
-        assert!(task.poll().is_none());
-        machine.cycle();
-    }
-}
-
 #[test]
-fn a_path_that_halts_on_drop_halts_its_axis_and_what_waits_is_withdrawn() {
-    let (mut machine, axis) = Machine::enabled();
+fn a_halt_on_drop_stops_a_move_too_that_was_being_written_and_a_resume_does_not_start_it() {
+    let (mut machine, axis) = slow();
     let pp = machine.finish(axis.profile_position()).unwrap();
-    let halting = SetPoint::new()
+    let moved = pp.move_abs(90_000, SetPoint::new().halt_on_drop());
+    let moved = machine.finish(moved).unwrap();
+    let behind = SetPoint::new()
         .buffer_mode(BufferMode::Buffered)
-        .halt_on_drop();
-    let targets = [20_000, 40_000, 60_000, 80_000];
-    let mut task = Task::new(async {
-        let path = pp.follow(targets.map(|target| pp.abs(target, halting)));
-        path.finish().await
-    });
-    awaited(&mut machine, &mut task, 60);
-    drop(task);
+        .velocity(7_000)
+        .acceleration(700_000);
+    let mut written = Task::new(pp.move_rel(500, behind));
+    kept(&mut machine, &mut written);
+    drop(moved);
     machine.cycle();
     assert!(axis.status().halted);
-    machine.run(2_000);
-    assert!(machine.stands());
-    assert_eq!(machine.drive().ledger().len(), 2, "one active, one queued");
-}
-
-#[test]
-fn each_axis_of_a_group_that_halts_on_drop_is_halted_while_the_first_is_awaited() {
-    let mut machine = Machine::new(2);
-    let leases: Vec<_> = [0, 1]
-        .map(|place| {
-            let axis = machine.axis(place);
-            machine.finish(axis.enable()).unwrap();
-            machine.finish(axis.profile_position()).unwrap()
-        })
-        .into();
-    let halting = SetPoint::new().halt_on_drop();
-    let mut task = Task::new(async {
-        let [x, y] = [&leases[0], &leases[1]].map(|pp| pp.abs(90_000, halting));
-        for motion in start_together([x, y]).await? {
-            motion.done().await?;
-        }
-        Ok::<(), AxisError>(())
-    });
-    awaited(&mut machine, &mut task, 60);
-    drop(task);
-    machine.cycle();
-    for pp in &leases {
-        assert!(pp.axis().status().halted);
-    }
-    machine.run(2_000);
-    for station in &machine.stations {
-        let position = lock(&station.drive).position();
-        assert!(position < 80_000, "{position}");
-    }
+    machine.finish(axis.resume()).unwrap();
+    let error = machine.finish_task(&mut written).unwrap_err();
+    let delivery = Delivery::NotSent;
+    assert_eq!(error.failure(), Some(Failure::Halted { delivery }));
+    assert_eq!(machine.drive().ledger().len(), 1, "the first alone");
 }
 
 #[test]

@@ -45,6 +45,30 @@ fn rises(machine: &Machine, axis: usize) -> Vec<usize> {
 }
 
 #[test]
+fn each_axis_of_a_group_that_halts_on_drop_is_halted_while_the_first_is_awaited() {
+    let (mut machine, pp) = machine(2);
+    let halting = SetPoint::new().halt_on_drop();
+    let mut task = Task::new(async {
+        let [x, y] = [&pp[0], &pp[1]].map(|pp| pp.abs(90_000, halting));
+        for motion in start_together([x, y]).await? {
+            motion.done().await?;
+        }
+        Ok::<(), AxisError>(())
+    });
+    machine.run_beside(&mut task, 60);
+    drop(task);
+    machine.cycle();
+    for pp in &pp {
+        assert!(pp.axis().status().halted);
+    }
+    machine.run(2_000);
+    for station in &machine.stations {
+        let position = lock(&station.drive).position();
+        assert!(position < 80_000, "{position}");
+    }
+}
+
+#[test]
 fn bits_4_of_all_axes_rise_in_one_frame() {
     let (mut machine, pp) = machine(3);
     // The first axis is busy with a handshake of its own, so that it is ready later than the others.
