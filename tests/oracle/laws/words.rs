@@ -144,7 +144,7 @@ impl Scenario {
         self.bad_word("a set-point stays as it is under a high bit 4")
     }
 
-    /// What came back with the word that was sent.
+    /// Notes when the answer to a low bit 4 came.
     pub fn note_low(&mut self) {
         let delivered = self.told == Told::Fresh && !self.sent.bit(4);
         if delivered && self.watch.low.is_none() {
