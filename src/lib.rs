@@ -109,14 +109,20 @@ mod pages {
     mod first_move {}
     #[doc = include_str!("../docs/guide/units.md")]
     mod units {}
+    #[doc = include_str!("../docs/guide/homing.md")]
+    mod homing {}
     #[doc = include_str!("../docs/guide/paths.md")]
     mod paths {}
     #[doc = include_str!("../docs/guide/cell.md")]
     mod cell {}
+    #[doc = include_str!("../docs/guide/io.md")]
+    mod io {}
     #[doc = include_str!("../docs/guide/faults.md")]
     mod faults {}
     #[doc = include_str!("../docs/guide/tests.md")]
     mod tests {}
+    #[doc = include_str!("../docs/guide/own-drive.md")]
+    mod own_drive {}
     #[doc = include_str!("../docs/guide/service.md")]
     mod service {}
 }
