@@ -1,6 +1,6 @@
 //! Every behaviour that the source documents of the drives describe, one row each: a test of the simulated drive, a test
-//! of the library, and for each of them a mutation that turns it red. `docs/conformance.md` is the table; `cargo xtask
-//! mutants` proves the mutations.
+//! of the library, and for each of them a mutation that turns it red. `ROWS.md` shows the tables; `cargo xtask mutants`
+//! proves the mutations.
 #![allow(missing_docs)]
 
 #[path = "../common/mod.rs"]

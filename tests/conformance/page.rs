@@ -1,4 +1,4 @@
-//! `docs/conformance.md`, written from the table, and what must hold for the table itself.
+//! `docs/conformance.md` and `ROWS.md`, written from the tables, and what must hold for the tables themselves.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -8,40 +8,99 @@ use std::path::PathBuf;
 use crate::DOCUMENTS;
 use crate::table::{Cell, Document, Row};
 
+/// Of the page, what is above its table.
 const HEAD: &str = "\
 # Conformance
 
-What the source documents of the drives say, sentence by sentence in our own words, and how it is known that the simulated
-drive and the library do it. This page is generated from the tables in `tests/conformance/`; change those.
+Conformance means that two programs do what a drive's document says: the simulated drive, and the library that commands it. Each
+sentence of a source page that describes a behaviour is a row, in our own words. Most rows have two tests:
 
-Each cell names a test of `cargo test --test conformance` and, behind the arrow, the mutation of `tests/mutants.toml` that turns
-this very test red. Each test named here has to fail with its mutation (`cargo xtask mutants`). The simulated drive's
-tests give it objects and controlwords and look at its statusword, its position and its ledger of executed set-points. The
-library's tests look at the words on the wire, at what is reported, and at that ledger.
+- The simulated drive's test gives it objects and controlwords. It judges the statusword, the position and the ledger of executed
+  set-points.
+- The library's test runs it on that simulated drive. It judges the words on the wire, what the library reports, and the ledger.
+
+Where a row has one test, it says why the other side has none. A test that cannot fail proves nothing. So each test has a mutation: a
+defect of `tests/mutants.toml` with which this test has to fail.
+
+";
+
+/// And below it.
+const TAIL: &str = "
+The total counts a mutation once, where a page may share it with others.
+
+The rows show that the simulated drives and the library agree with the documents as we read them. They do not show that a real drive
+does what its document says: none of these tests has run on one. Where a page leaves something open, the row says what was assumed.
+[drives.md](drives.md) has what no page says.
+
+## The rows
+
+[`tests/conformance/ROWS.md`](../tests/conformance/ROWS.md) is the long table. Each row has its place in the document, what the
+document says there, both tests and their mutations. Below each document's rows is listed what has no row, and why.
+
+The tables in `tests/conformance/*/mod.rs` are the source of both pages. A test writes the pages, and fails if they are out of date.
+
+## How to run it
+
+```sh
+cargo test --test conformance                            # all tests
+cargo test --test conformance akd2g_pp::stops            # those of one part
+cargo xtask mutants drive-deaf-to-bit-8                  # one mutation: its tests have to fail
+WRITE_CONFORMANCE=1 cargo test --test conformance page   # writes both pages
+```
+
+`.ci/run` runs all tests, and all mutations.
+";
+
+/// Of `ROWS.md`.
+const ROWS_HEAD: &str = "\
+# The rows of conformance
+
+What the source documents of the drives say, and the tests of the simulated drive and of the library.
+[Conformance](../../docs/conformance.md) says what they are for. A test writes this page from the tables beside it.
+
+Each cell names a test of `cargo test --test conformance` and, behind the arrow, the mutation of `tests/mutants.toml` with which it
+has to fail.
 ";
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-fn rows() -> impl Iterator<Item = &'static Row> {
+fn rows() -> impl Iterator<Item = &'static Row> + Clone {
     DOCUMENTS.iter().flat_map(|document| document.rows)
 }
 
+fn cells_of<'a>(
+    rows: impl Iterator<Item = &'a Row> + Clone,
+) -> impl Iterator<Item = &'a Cell> + Clone {
+    rows.flat_map(|row| [&row.drive, &row.library])
+}
+
 fn cells() -> impl Iterator<Item = &'static Cell> {
-    rows().flat_map(|row| [&row.drive, &row.library])
+    cells_of(rows())
+}
+
+/// How many rows, tests and mutations there are in these.
+fn counts<'a>(rows: impl Iterator<Item = &'a Row> + Clone) -> String {
+    let tests = cells_of(rows.clone()).filter_map(Cell::test);
+    let mutations: BTreeSet<_> = tests.clone().map(|(_, mutation)| mutation).collect();
+    let (tests, mutations) = (tests.count(), mutations.len());
+    format!("{} | {tests} | {mutations}", rows.count())
 }
 
 fn page() -> String {
-    let mutations: BTreeSet<_> = cells().filter_map(|cell| Some(cell.test()?.1)).collect();
     let mut page = HEAD.to_owned();
-    let _ = write!(
-        page,
-        "\n{} rows, {} tests, {} mutations.\n",
-        rows().count(),
-        cells().filter_map(Cell::test).count(),
-        mutations.len()
-    );
+    page.push_str("| source page | rows | tests | mutations |\n|---|---|---|---|\n");
+    for document in DOCUMENTS {
+        let counts = counts(document.rows.iter());
+        let _ = writeln!(page, "| {} | {counts} |", document.title);
+    }
+    let _ = writeln!(page, "| all | {} |", counts(rows()));
+    page + TAIL
+}
+
+fn long_table() -> String {
+    let mut page = ROWS_HEAD.to_owned();
     for document in DOCUMENTS {
         write_document(&mut page, document);
     }
@@ -82,18 +141,21 @@ fn cell(cell: &Cell) -> String {
 }
 
 #[test]
-fn the_page_shows_the_table() {
-    let path = root().join("docs/conformance.md");
-    let page = page();
-    if std::env::var_os("WRITE_CONFORMANCE").is_some() {
-        fs::write(&path, &page).expect("docs/ can be written");
+fn the_pages_show_the_tables() {
+    for (path, page) in [
+        ("docs/conformance.md", page()),
+        ("tests/conformance/ROWS.md", long_table()),
+    ] {
+        if std::env::var_os("WRITE_CONFORMANCE").is_some() {
+            fs::write(root().join(path), &page).expect("the page can be written");
+        }
+        let committed = fs::read_to_string(root().join(path)).unwrap_or_default();
+        assert!(
+            committed == page,
+            "{path} is not what the tables say; write it with\n    \
+             WRITE_CONFORMANCE=1 cargo test --test conformance page"
+        );
     }
-    let committed = fs::read_to_string(&path).unwrap_or_default();
-    assert!(
-        committed == page,
-        "docs/conformance.md is not what the table says; write it with\n    \
-         WRITE_CONFORMANCE=1 cargo test --test conformance the_page_shows_the_table"
-    );
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The rows of `tests/mutants.toml`, and the tests that `docs/conformance.md` names for them.
+//! The rows of `tests/mutants.toml`, and the tests that `tests/conformance/ROWS.md` names for them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -6,6 +6,9 @@ use std::path::Path;
 use std::str::FromStr;
 
 use serde::Deserialize;
+
+/// The page that names the tests of the conformance suite.
+const CONFORMANCE: &str = "tests/conformance/ROWS.md";
 
 /// A known way to get it wrong, and how it is known that it would be seen.
 #[derive(Debug)]
@@ -177,7 +180,7 @@ struct Row {
 /// All rows, with what is wrong with them.
 pub(crate) fn read(root: &Path) -> crate::Result<(Vec<Mutant>, Vec<Fault>)> {
     let text = std::fs::read_to_string(root.join("tests/mutants.toml"))?;
-    let page = std::fs::read_to_string(root.join("docs/conformance.md"))?;
+    let page = std::fs::read_to_string(root.join(CONFORMANCE))?;
     rows(&text, &page)
 }
 
@@ -208,7 +211,7 @@ fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<Fault>)> {
         if tests.is_empty() {
             faults.push(Fault::new(
                 &row.id,
-                "neither the row nor docs/conformance.md names a test",
+                format!("neither the row nor {CONFORMANCE} names a test"),
             ));
         }
         if row.why.trim().is_empty() {
@@ -233,7 +236,7 @@ fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<Fault>)> {
     for id in page.keys() {
         faults.push(Fault::new(
             id,
-            "docs/conformance.md names it, but it has no row",
+            format!("{CONFORMANCE} names it, but it has no row"),
         ));
     }
     Ok((mutants, faults))
@@ -296,10 +299,10 @@ mod tests {
         assert_eq!(
             faults,
             [
-                "drive-unused: neither the row nor docs/conformance.md names a test",
-                "drive-a: neither the row nor docs/conformance.md names a test",
+                "drive-unused: neither the row nor tests/conformance/ROWS.md names a test",
+                "drive-a: neither the row nor tests/conformance/ROWS.md names a test",
                 "drive-a: another row has this id or its number",
-                "01-b: docs/conformance.md names it, but it has no row",
+                "01-b: tests/conformance/ROWS.md names it, but it has no row",
             ]
         );
     }
