@@ -20,7 +20,7 @@ use servocrab_sim::{Segment, personality};
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
 /// The page that lists the differences, each with its reason.
-const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/interop.md");
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/interop/WIRE.md");
 /// Below it are registers, above it the mailboxes and the process data.
 const MEMORY: u16 = 0x1000;
 const AL_STATUS: u16 = 0x0130;
@@ -79,7 +79,7 @@ fn compare(recordings: &Path) -> Result<()> {
         (0, _) => Err(format!("{} has no recording", recordings.display()).into()),
         (_, 0) => Ok(()),
         (_, unlisted) => {
-            Err(format!("{unlisted} differences are not listed in docs/interop.md").into())
+            Err(format!("{unlisted} differences are not listed in tests/interop/WIRE.md").into())
         }
     }
 }

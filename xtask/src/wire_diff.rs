@@ -24,7 +24,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         .arg(recordings)
         .status()?;
     if !status.success() {
-        return Err("the library sends what docs/interop.md does not list".into());
+        return Err("the library sends what tests/interop/WIRE.md does not list".into());
     }
     Ok(())
 }
