@@ -157,7 +157,7 @@ impl Searches {
                     found.states <= counted,
                     "world {world} has {} states, and {counted} were counted. Two states that cannot differ later have to be equal: what \
                      the core keeps has to go once it makes no difference. Where a change of the core makes more states on purpose, put the \
-                     new number into `COUNTED`, and the sum of them into docs/verification.md",
+                     new number into `COUNTED`",
                     found.states
                 );
             }
