@@ -10,7 +10,7 @@ use crate::{
         Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, Failure, LastSeen,
         Quiet, Rules, WaitingFor,
     },
-    timer::{Due, Elapsed, Timer, nanoseconds},
+    timer::{Due, Elapsed, Timer},
 };
 
 use super::{
@@ -20,7 +20,7 @@ use super::{
     observed::{Aside, Observed},
     outputs::{ComposedWord, Outgoing, Outputs},
     power::{Power, PowerStep},
-    stopping::{Halt, StopPhase, StopStep, Stopping, Wait, stopped},
+    stopping::{Halt, StopPhase, StopStep, Stopping, Wait, quarter, stopped},
 };
 
 /// What the machines get in a cycle, or with a command.
@@ -285,7 +285,7 @@ impl Machines {
             self.wait_for_stop(id);
         }
         if !before.is_fault() {
-            self.stopping.fault(failure, step.deadline());
+            self.stopping.fault(failure, step);
         }
         // A reset that is under way goes on to its own end, also where another state was shown between two faults.
         if !self.power.is_resetting() {
@@ -313,7 +313,7 @@ impl Machines {
             // The stop that is under way goes on, in the drive's own way.
             PowerStep::Dropped if self.stopping.is_quick() || self.stopping.is_switching_off() => {}
             PowerStep::Dropped if self.stopping.is_active() => {
-                let left = self.stopping.left(step.deadline());
+                let left = self.stopping.left(step);
                 self.stopping.begin_quick(left);
             }
             PowerStep::Dropped => self.apply_drop(step),
@@ -450,7 +450,7 @@ impl Machines {
             StopStep::StopAgain => {
                 self.cancel_enabling(Failure::QUICK_STOPPED);
                 self.stopping.off |= !matches!(self.power, Power::Holding);
-                let left = self.stopping.left(step.deadline());
+                let left = self.stopping.left(step);
                 self.stopping.begin_quick(left);
             }
             StopStep::Nothing | StopStep::Halted | StopStep::HaltSeen => {}
@@ -774,11 +774,7 @@ impl Machines {
         self.withdraw_unsent(Failure::QUICK_STOPPED);
         self.fail_resume(Failure::QUICK_STOPPED);
         if !self.stopping.is_quick() {
-            let left = match self.stopping.phase {
-                StopPhase::Halting { left, .. } => left.later(quarter(step)),
-                _ => step.deadline(),
-            };
-            self.stopping.begin_quick(left);
+            self.stopping.begin_quick(self.stopping.left(step));
         }
         true
     }
@@ -823,7 +819,7 @@ impl Machines {
         self.withdraw_unsent(failure);
         // Nothing starts in its frame, also where there is nothing to stop.
         self.outputs.stop_unsent = true;
-        if !has_motion && step.stands() {
+        if !has_motion && !self.stopping.halt.is_on && step.stands() {
             return false;
         }
         self.fail_resume(failure);
@@ -854,9 +850,4 @@ impl Machines {
 /// Whether bit 8 stops the axis and does not let it coast.
 pub(super) const fn halts_under_control(step: &Step<'_>) -> bool {
     step.config.stop_options.halts_under_control()
-}
-
-/// A quarter of the time that a stop has: bit 8 leaves it for quick stop.
-const fn quarter(step: &Step<'_>) -> Elapsed {
-    Elapsed(nanoseconds(step.config.deadlines.standstill) / 4)
 }

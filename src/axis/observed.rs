@@ -97,8 +97,9 @@ pub(super) struct Link {
 /// What a cycle comes to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum News {
-    /// The drive has not answered, or nothing but the position has changed.
+    /// The drive has not answered, or shows what it showed before.
     None,
+    /// Another position, and nothing else.
     Position,
     /// Anything else.
     Shown,

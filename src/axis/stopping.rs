@@ -7,7 +7,7 @@
 use crate::{
     ds402::State,
     profile_position::{CommandId, Completion, Delivery, Failure, WaitingFor},
-    timer::{Due, Timer, UntilSeen},
+    timer::{Due, Elapsed, Timer, UntilSeen, nanoseconds},
 };
 
 use super::{deceleration::DecelerationMonitor, machines::Step, power::is_down};
@@ -179,11 +179,12 @@ impl Stopping {
         self.quick = QuickStop::NEW;
     }
 
-    /// How long the stop under way may still take; `standstill` where there is none.
-    pub const fn left(&self, standstill: Timer) -> Timer {
+    /// How long the stop under way may still take; all of its time where there is none.
+    pub fn left(&self, step: &Step<'_>) -> Timer {
         match self.phase {
             StopPhase::Quick { left } | StopPhase::Settling { left } => left,
-            StopPhase::None | StopPhase::Halting { .. } | StopPhase::Off { .. } => standstill,
+            StopPhase::Halting { left, .. } => left.later(quarter(step)),
+            StopPhase::None | StopPhase::Off { .. } => step.deadline(),
         }
     }
 
@@ -344,7 +345,7 @@ impl Stopping {
     }
 
     /// A fault overtakes every stop: whoever waits for one waits for the standstill, and hears of the fault then.
-    pub fn fault(&mut self, failure: Failure, standstill: Timer) {
+    pub fn fault(&mut self, failure: Failure, step: &Step<'_>) {
         let mut waits = false;
         for (_, wait) in self.waiters.iter_mut().flatten() {
             if *wait == Wait::Stop {
@@ -352,7 +353,7 @@ impl Stopping {
             }
             waits |= matches!(wait, Wait::Faulted(_));
         }
-        let left = self.left(standstill);
+        let left = self.left(step);
         self.off = false;
         self.phase = if waits {
             StopPhase::Settling { left }
@@ -408,4 +409,9 @@ impl Stopping {
 /// What a stop that has ended well says.
 pub(super) const fn stopped(state: State) -> Result<Completion, Failure> {
     Ok(Completion::Stopped { state })
+}
+
+/// A quarter of the time that a stop has: bit 8 leaves it for quick stop.
+pub(super) const fn quarter(step: &Step<'_>) -> Elapsed {
+    Elapsed(nanoseconds(step.config.deadlines.standstill) / 4)
 }

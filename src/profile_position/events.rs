@@ -26,7 +26,7 @@ pub enum Event {
 pub enum Completion {
     /// Done; there is no more to say.
     Done,
-    /// The move arrived at its target and nothing followed it in motion.
+    /// The move arrived at its target: the axis rests there, or goes on with an end velocity.
     Reached {
         /// Position actual value 6064h when it was seen.
         position: i32,

@@ -186,6 +186,7 @@ impl Sequencer {
         self.handshake = Handshake::LOW;
         self.bits = ModeBits::NONE;
         self.needs_stop = false;
+        self.observer = Observer::new();
     }
 
     /// The axis stands halted: reports it for each set-point that the drive keeps.
