@@ -47,7 +47,9 @@ fn next(near: &mut RawSocket, buffer: &mut [u8]) -> usize {
 
 #[test]
 fn frames_of_every_length_come_in_order_however_many_there_were_before() {
-    if !inside_namespace("frames::frames_of_every_length_come_in_order_however_many_there_were_before") {
+    if !inside_namespace(
+        "frames::frames_of_every_length_come_in_order_however_many_there_were_before",
+    ) {
         return;
     }
     let (mut near, far) = unprepared();

@@ -174,7 +174,8 @@ fn rows(file: &PathBuf) -> Vec<Row> {
 
 #[test]
 fn a_move_over_the_wire_reaches_its_target_and_exits_with_success() {
-    if !inside_namespace("programs::a_move_over_the_wire_reaches_its_target_and_exits_with_success") {
+    if !inside_namespace("programs::a_move_over_the_wire_reaches_its_target_and_exits_with_success")
+    {
         return;
     }
     let (simulator, file) = simulator("move");
@@ -248,7 +249,9 @@ fn ctrl_c_in_mid_move_stops_and_disables() {
 
 #[test]
 fn ctrl_c_in_a_bring_up_ends_it_and_takes_the_drive_back_into_init() {
-    if !inside_namespace("programs::ctrl_c_in_a_bring_up_ends_it_and_takes_the_drive_back_into_init") {
+    if !inside_namespace(
+        "programs::ctrl_c_in_a_bring_up_ends_it_and_takes_the_drive_back_into_init",
+    ) {
         return;
     }
     let file = env::temp_dir().join(format!("servocrab-bring-up-{}.csv", std::process::id()));
@@ -493,7 +496,9 @@ fn without_the_capability_the_error_says_how_to_get_it() {
 
 #[test]
 fn another_device_at_the_drives_position_is_an_error_with_both_identities() {
-    if !inside_namespace("programs::another_device_at_the_drives_position_is_an_error_with_both_identities") {
+    if !inside_namespace(
+        "programs::another_device_at_the_drives_position_is_an_error_with_both_identities",
+    ) {
         return;
     }
     let (simulator, file) = simulator_of("identity", "coupler");

@@ -344,9 +344,9 @@ fn what_happens_in_cycles_is_neither_formatted_nor_allocated_by_the_loop_that_ru
     };
     // Buffers reach their size.
     (0..STOPS).for_each(|_| stop(&mut bus));
-    counting::begin();
+    crate::counting::begin();
     (0..STOPS).for_each(|_| stop(&mut bus));
-    assert_eq!(counting::so_far(), 0, "allocations and frees");
+    assert_eq!(crate::counting::so_far(), 0, "allocations and frees");
     let own = thread::current().name().unwrap_or_default().to_owned();
     drop(default);
     drop(net);

@@ -2,8 +2,8 @@
 
 use servocrab_sim::personality;
 
-use crate::datagrams::Wire;
 use super::vectors::{bytes, number, rows};
+use crate::datagrams::Wire;
 
 #[test]
 fn the_simulated_esc_differs_from_a_real_akds_as_listed() {

@@ -7,8 +7,8 @@ use servocrab::sii::{
 };
 use servocrab_sim::personality;
 
-use crate::datagrams::Wire;
 use super::vectors::akd_eeprom;
+use crate::datagrams::Wire;
 
 const GENERAL: u16 = 30;
 const FMMU: u16 = 40;

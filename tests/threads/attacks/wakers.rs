@@ -219,7 +219,7 @@ fn no_waker_is_woken_or_dropped_on_the_bus_thread() {
         Box::pin(async { drop(events.next().await) }),
         Box::pin(async { drop(emergencies.next().await) }),
         Box::pin(async { assert!(axis.changed().await.is_some()) }),
-        Box::pin(async { drop(net.clock().sleep(crate::NEVER).await) }),
+        Box::pin(async { drop(net.clock().sleep(super::NEVER).await) }),
     ];
     for future in &mut kept {
         assert!(poll(future, &waker()).is_pending());
