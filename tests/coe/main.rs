@@ -9,6 +9,7 @@ mod datagrams;
 mod golden;
 mod habits;
 mod information;
+mod real_bytes;
 
 use std::future::{Future, poll_fn};
 use std::task::Poll;

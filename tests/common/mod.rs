@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 #![allow(dead_code, reason = "each test file uses its own part of the rig")]
 
-mod differential;
+pub mod differential;
 pub mod frames;
 
 use core::time::Duration;

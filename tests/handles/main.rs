@@ -2,6 +2,7 @@
 #![cfg(feature = "std")]
 #![allow(missing_docs)]
 
+mod bad_input;
 mod bus;
 mod cancelled;
 mod chaos;

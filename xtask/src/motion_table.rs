@@ -44,8 +44,9 @@ fn table() -> crate::Result<String> {
             // With the features that `cargo test --workspace` has built it with.
             "--workspace",
             "--test",
-            "motion_table",
+            "motion",
             "--",
+            "motion_table::",
             "--include-ignored",
             "--nocapture",
         ])

@@ -24,7 +24,7 @@ use self::tree::{Sources, Tree};
 
 /// So many tests that wait in real time run beside the others: up to half a minute for what a mutant keeps from coming.
 const REAL_TIME_JOBS: usize = 2;
-const REAL_TIME: [&str; 4] = ["interop", "link", "logging", "paused_log"];
+const REAL_TIME: [&str; 4] = ["interop", "links", "threads", "paused_log"];
 /// Of these only the tests that are named run without a mutant: other masters wait in real time.
 const OTHER_MASTERS: [&str; 1] = ["interop"];
 /// So many of what took longest are named at the end.

@@ -480,9 +480,7 @@ impl<'a> Suites<'a> {
 }
 
 fn is_in_real_time(target: &Target) -> bool {
-    target.package != "servocrab"
-        || REAL_TIME.contains(&target.name.as_str())
-        || ["raw_socket", "real_time"].contains(&target.name.as_str())
+    target.package != "servocrab" || REAL_TIME.contains(&target.name.as_str())
 }
 
 /// The results in their file: what they are of, then a line for each mutant.
