@@ -94,18 +94,18 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         });
     }
     parts.push(Part {
-        target: "end_of_life",
-        tests: "",
+        target: "bus",
+        tests: "end_of_life::",
         environment: Vec::new(),
     });
     parts.push(Part {
-        target: "emergencies",
-        tests: "moving::",
+        target: "bus",
+        tests: "emergencies::moving::",
         environment: vec![("EMERGENCY_EVERY", "1".to_owned())],
     });
     let mut failed = Vec::new();
     for part in &parts {
-        println!("\n=== {}", part.target);
+        println!("\n=== {} {}", part.target, part.tests);
         if !test(part)? {
             failed.push(part.target);
         }
