@@ -1,6 +1,6 @@
 //! The line that a command works on.
 
-use std::fmt::Write;
+use std::{fmt::Write, path::PathBuf, str::FromStr};
 
 use clap::{Args, ValueEnum};
 use servocrab::{
@@ -9,9 +9,12 @@ use servocrab::{
     link::Wire,
 };
 use servocrab_attach::{ClientError, Program, socket_of};
-use servocrab_sim::{Device, Segment, personality};
+use servocrab_sim::{Device, EsiChoice, EsiDrive, Segment, personality};
 
-use crate::output::{Failure, Tool};
+use crate::{
+    machine::{Machine, simulate},
+    output::{Failure, Tool},
+};
 
 /// Which line.
 #[derive(Args)]
@@ -19,14 +22,25 @@ pub(crate) struct LineArguments {
     /// The network interface that the line is on
     #[arg(long, global = true, value_name = "NAME", conflicts_with = "sim")]
     interface: Option<String>,
-    /// A line that is simulated in this process, in place of a real one: its devices in order
+    /// A line that is simulated in this process, in place of a real one: its devices in order, of akd2g, pp2010, ax2000, sigma7, generic,
+    /// coupler and io, a drive's ESI file as FILE.xml[:PRODUCT[:REVISION]], or all those of a machine.toml
     #[arg(long, global = true, value_name = "DEVICES", value_delimiter = ',')]
     sim: Vec<Simulated>,
 }
 
-/// The devices that can be simulated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Simulated {
+/// What can be simulated.
+#[derive(Clone, Debug)]
+enum Simulated {
+    Known(Known),
+    /// What the file describes.
+    Esi(EsiChoice),
+    /// The devices of a `machine.toml`.
+    Machine(PathBuf),
+}
+
+/// The devices that the simulator knows.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Known {
     /// Kollmorgen AKD2G, two axes
     Akd2g,
     /// Stepper drive with object 2010h
@@ -43,7 +57,48 @@ pub(crate) enum Simulated {
     Io,
 }
 
+impl FromStr for Simulated {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if let Ok(known) = Known::from_str(text, false) {
+            return Ok(Self::Known(known));
+        }
+        let Ok(choice) = text.parse::<EsiChoice>();
+        let ends_in = |kind: &str| {
+            choice
+                .file
+                .extension()
+                .is_some_and(|end| end.eq_ignore_ascii_case(kind))
+        };
+        if ends_in("xml") {
+            Ok(Self::Esi(choice))
+        } else if ends_in("toml") {
+            Ok(Self::Machine(choice.file))
+        } else {
+            let known = Known::value_variants()
+                .iter()
+                .filter_map(Known::to_possible_value);
+            let known: Vec<_> = known.map(|value| value.get_name().to_owned()).collect();
+            Err(format!(
+                "expected one of {}, an ESI file (.xml) or a machine's file (.toml)",
+                known.join(", ")
+            ))
+        }
+    }
+}
+
 impl Simulated {
+    fn build(&self) -> Result<Vec<Device>, Failure> {
+        match self {
+            Self::Known(known) => Ok(vec![known.build()]),
+            Self::Esi(choice) => Ok(vec![EsiDrive::choose(choice)?.build()]),
+            Self::Machine(file) => simulate::devices(&Machine::load(file)?),
+        }
+    }
+}
+
+impl Known {
     fn build(self) -> Device {
         match self {
             Self::Akd2g => personality::akd2g(),
@@ -72,9 +127,10 @@ impl LineArguments {
                     .into(),
             ),
             None => {
+                let devices = self.sim.iter().map(Simulated::build);
+                let devices = devices.collect::<Result<Vec<_>, _>>()?.into_iter().flatten();
                 let mut segment = Segment::new();
-                for (position, kind) in (0..).zip(&self.sim) {
-                    let mut device = kind.build();
+                for (position, mut device) in (0..).zip(devices) {
                     // No two crystals are alike; these are within 50 ppm, as most are.
                     device.set_clock(position, (position * 37 % 101) as f64 - 50.0);
                     segment.push(device);

@@ -1,7 +1,8 @@
 //! `servocrab`, the tool: who is on an EtherCAT line, what its drives hold, and whether the computer keeps their cycles.
 //!
-//! `servocrab --help` lists the commands; `docs/tool.md` shows a session with each of them.
+//! `servocrab --help` lists the commands; `docs/tool.md` is about each of them.
 
+mod axes;
 mod bundle;
 mod capture;
 mod doctor;

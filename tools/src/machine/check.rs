@@ -231,8 +231,8 @@ async fn compare(machine: &Machine, line: &Line, page: &mut Page) -> Result<bool
                     && let Some(sdo) = &found.sdo
                 {
                     before(machine, expected, sdo, page).await?;
-                    for (axis, name) in (1..).zip(&expected.axes) {
-                        settings(sdo, axis, name, page).await;
+                    for (number, axis) in (1..).zip(&expected.axes) {
+                        settings(sdo, number, &axis.name, page).await;
                     }
                 }
             }
@@ -364,8 +364,8 @@ async fn measure(
     page.good("line", "bring-up", "in OP; watchdogs armed and read back");
     for (position, device) in (0..).zip(&machine.devices) {
         if let Some(sdo) = net.sdo(position) {
-            for (axis, name) in (1..).zip(&device.axes) {
-                watchdog(&sdo, axis, name, page).await;
+            for (number, axis) in (1..).zip(&device.axes) {
+                watchdog(&sdo, number, &axis.name, page).await;
             }
         }
     }
@@ -585,7 +585,7 @@ async fn standstill(
         let position_in_line = identity.drive.position;
         let device = machine.devices.get(usize::from(position_in_line));
         let number =
-            device.and_then(|device| (1..).zip(&device.axes).find(|(_, axis)| *axis == name));
+            device.and_then(|device| (1..).zip(&device.axes).find(|(_, axis)| axis.name == *name));
         let window = match (net.sdo(position_in_line), number) {
             (Some(sdo), Some((number, _))) => held(&sdo, obj::POSITION_WINDOW, number).await,
             _ => None,

@@ -2,7 +2,9 @@
 
 use std::{
     fmt::Write as _,
+    io::{self, Write as _},
     path::{Path, PathBuf},
+    process::{Command, Stdio},
 };
 
 use clap::Args;
@@ -16,8 +18,9 @@ use servocrab::{
     sii::{Pdo, Sii},
 };
 
-use super::{Address, Device, Direction, Kind, Machine, Point, rust};
+use super::{Address, Axis, Device, Direction, Kind, Machine, Point, rust};
 use crate::{
+    axes::axis_name,
     line::LineArguments,
     output::{Done, Failure, Tool},
     report::clock_of,
@@ -57,7 +60,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     }
     let mut files = Vec::new();
     for file in &arguments.esi {
-        files.push((file.as_path(), Esi::load(file)?));
+        files.push((beside(file, &arguments.file)?, Esi::load(file)?));
     }
     let line = arguments.line.scan(tool).await?;
     let found = tool
@@ -68,7 +71,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     NewFile::write(&arguments.file, toml(&machine).as_bytes())?;
     let mut written = vec![arguments.file.display().to_string()];
     if let Some(file) = &arguments.rust {
-        NewFile::write(file, rust::source(&machine).as_bytes())?;
+        NewFile::write(file, formatted(rust::source(&machine)).as_bytes())?;
         written.push(file.display().to_string());
     }
     let count = |is: fn(Kind) -> bool| {
@@ -97,7 +100,35 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     Ok(true)
 }
 
-async fn machine(line: &Line, files: &[(&Path, Esi)], clocks: bool) -> Result<Machine, Failure> {
+/// The file as the machine's file names it: by its way from there, where it is in the same directory or below.
+fn beside(file: &Path, machine: &Path) -> io::Result<PathBuf> {
+    let (file, machine) = (std::path::absolute(file)?, std::path::absolute(machine)?);
+    let below = machine
+        .parent()
+        .and_then(|directory| file.strip_prefix(directory).ok());
+    Ok(below.map_or_else(|| file.clone(), Path::to_path_buf))
+}
+
+/// As rustfmt has it; without rustfmt as it is.
+fn formatted(source: String) -> String {
+    let run = || {
+        let mut child = Command::new("rustfmt")
+            .args(["--edition", "2024", "--emit", "stdout"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .ok()?;
+        // Dropped, so that it sees the end. It writes nothing before.
+        child.stdin.take()?.write_all(source.as_bytes()).ok()?;
+        let output = child.wait_with_output().ok()?;
+        let formatted = String::from_utf8(output.stdout).ok()?;
+        (output.status.success() && !formatted.is_empty()).then_some(formatted)
+    };
+    run().unwrap_or(source)
+}
+
+async fn machine(line: &Line, files: &[(PathBuf, Esi)], clocks: bool) -> Result<Machine, Failure> {
     let mut devices = Vec::new();
     for device in line.devices() {
         if let Some(problem) = &device.problem {
@@ -114,7 +145,7 @@ async fn machine(line: &Line, files: &[(&Path, Esi)], clocks: bool) -> Result<Ma
 
 async fn found(
     device: &LineDevice,
-    files: &[(&Path, Esi)],
+    files: &[(PathBuf, Esi)],
     clocks: bool,
 ) -> Result<Device, Failure> {
     let identity = device.id.identity;
@@ -141,7 +172,7 @@ async fn found(
         Some(sdo) if axes > 0 => {
             let position = device.id.position;
             found.axes = (1..=axes)
-                .map(|axis| format!("{position}.{axis}"))
+                .map(|axis| Axis::named(axis_name(position, axis)))
                 .collect();
             let mut described = files
                 .iter()
@@ -154,7 +185,7 @@ async fn found(
                     // What cannot be used, or executed, is said here.
                     DriveConfig::from_esi(drive)?;
                     found.kind = Kind::Esi;
-                    found.esi = Some(std::path::absolute(file)?);
+                    found.esi = Some(file.clone());
                 }
                 (None, Some(kind)) => found.kind = kind,
                 (None, None) => {
@@ -271,7 +302,7 @@ pub(super) fn toml(machine: &Machine) -> String {
             let _ = writeln!(text, "absent = [{}]", all.join(", "));
         }
         if !device.axes.is_empty() {
-            let all: Vec<_> = device.axes.iter().map(|axis| quoted(axis)).collect();
+            let all: Vec<_> = device.axes.iter().map(|axis| quoted(&axis.name)).collect();
             let _ = writeln!(text, "axes = [{}]", all.join(", "));
         }
         for point in &device.points {

@@ -4,17 +4,20 @@ pub(crate) mod check;
 pub(crate) mod init;
 mod rust;
 pub(crate) mod simulate;
+mod units;
 
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use servocrab::{
-    bus::{DistributedClock, DriveConfig, Expected, IoConfig, NetworkBuilder},
+    bus::{AxisConfig, DistributedClock, DriveConfig, Expected, IoConfig, NetworkBuilder},
     coe::{AnyObject, ObjectAddress},
     drives::{self, DriveDescription},
     esi::Esi,
     sii::Identity,
 };
+
+pub(crate) use units::{Axis, Units};
 
 use crate::output::Failure;
 
@@ -118,9 +121,9 @@ pub(crate) struct Device {
     /// Objects of the profile that a plain drive does not have.
     #[serde(default)]
     pub(crate) absent: Vec<Address>,
-    /// The names of a drive's axes, in order.
+    /// Those of a drive, in order.
     #[serde(default)]
-    pub(crate) axes: Vec<String>,
+    pub(crate) axes: Vec<Axis>,
     /// The inputs and outputs of a device that is no drive.
     #[serde(default, rename = "point")]
     pub(crate) points: Vec<Point>,
@@ -207,22 +210,36 @@ impl Machine {
 
     /// The network of this line, and of no other.
     pub(crate) fn on(&self, network: NetworkBuilder) -> Result<NetworkBuilder, Failure> {
-        let mut network = network
-            .cycle(std::time::Duration::from_micros(self.cycle_us.into()))
-            .complete();
+        let mut network = self.without_drives(network);
         for (position, device) in (0..).zip(&self.devices) {
-            network = match device.kind {
-                Kind::Other => network.expect(position, device.expected()),
-                Kind::Io => network.io(
-                    position,
-                    IoConfig::new(&device.io_name(position), device.expected()),
-                ),
-                _ => network.drive(position, self.drive(device)?),
-            };
+            if device.kind.is_drive() {
+                let axes = device.axes.iter();
+                let declared = |drive: DriveConfig, axis: &Axis| {
+                    drive.axis(axis.units.declare(AxisConfig::new(&axis.name)))
+                };
+                network = network.drive(position, axes.fold(self.drive(device)?, declared));
+            }
         }
         Ok(network)
     }
 
+    /// The same, but for its drives.
+    pub(crate) fn without_drives(&self, network: NetworkBuilder) -> NetworkBuilder {
+        let network = network
+            .cycle(std::time::Duration::from_micros(self.cycle_us.into()))
+            .complete();
+        let devices = (0..).zip(&self.devices);
+        devices.fold(network, |network, (position, device)| match device.kind {
+            Kind::Other => network.expect(position, device.expected()),
+            Kind::Io => {
+                let io = IoConfig::new(&device.io_name(position), device.expected());
+                network.io(position, io)
+            }
+            _ => network,
+        })
+    }
+
+    /// A drive of the line, without its axes.
     pub(crate) fn drive(&self, device: &Device) -> Result<DriveConfig, Failure> {
         let mut drive = self.described(device)?.revision(device.revision);
         if device.serial != 0 {
@@ -231,10 +248,7 @@ impl Machine {
         if let Some(word) = device.assign_activate {
             drive = drive.dc(DistributedClock::new(word));
         }
-        Ok(device
-            .axes
-            .iter()
-            .fold(drive, |drive, axis| drive.axis(axis.as_str())))
+        Ok(drive)
     }
 
     /// The drive by its description, or by its maker's file: one of this vendor and product alone.
@@ -322,6 +336,18 @@ mod tests {
             (
                 format!("{device}kind = \"generic\"\naxes = {:?}", ["x"; 9]),
                 "eight at most",
+            ),
+            (
+                format!(
+                    "{device}kind = \"generic\"\naxes = [{{ name = \"x\", unit = \"inch\", counts = 1000 }}]"
+                ),
+                "an axis is its name",
+            ),
+            (
+                format!(
+                    "{device}kind = \"generic\"\naxes = [{{ name = \"x\", unit = \"mm\", counts = 0 }}]"
+                ),
+                "axis \"x\"",
             ),
             (
                 format!("{device}kind = \"generic\"\nabsent = [\"606C\"]"),

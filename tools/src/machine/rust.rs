@@ -70,7 +70,7 @@ fn drive(device: &Device) -> String {
         );
     }
     for axis in &device.axes {
-        let _ = write!(text, "\n        .axis({axis:?})");
+        let _ = write!(text, "\n        .axis({:?})", axis.name);
     }
     text
 }

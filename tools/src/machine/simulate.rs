@@ -36,7 +36,9 @@ const WAIT: Duration = Duration::from_millis(1);
 
 pub(crate) fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let machine = Machine::load(&arguments.file)?;
-    let mut segment = segment(&machine)?;
+    let mut segment = devices(&machine)?
+        .into_iter()
+        .fold(Segment::new(), Segment::with);
     let socket = RawSocket::open(&arguments.interface)?;
     let devices = segment.len();
     let text = format!(
@@ -81,14 +83,13 @@ fn answer(socket: &RawSocket, frame: &[u8]) -> io::Result<()> {
 }
 
 /// The devices, just switched on.
-pub(crate) fn segment(machine: &Machine) -> Result<Segment, Failure> {
-    let mut segment = Segment::new();
-    for (position, device) in machine.devices.iter().enumerate() {
-        let simulated = simulated(machine, device)
-            .map_err(|error| format!("device {position} \"{}\": {error}", device.name))?;
-        segment.push(simulated);
-    }
-    Ok(segment)
+pub(crate) fn devices(machine: &Machine) -> Result<Vec<Simulated>, Failure> {
+    let devices = machine.devices.iter().enumerate();
+    let devices = devices.map(|(position, device)| {
+        simulated(machine, device)
+            .map_err(|error| format!("device {position} \"{}\": {error}", device.name).into())
+    });
+    devices.collect()
 }
 
 fn simulated(machine: &Machine, device: &Device) -> Result<Simulated, Failure> {

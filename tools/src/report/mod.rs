@@ -17,6 +17,7 @@ use servocrab::{
 use picture::Picture;
 
 use crate::{
+    axes::axis_name,
     line::LineArguments,
     machine::{init::absent, without},
     output::{Done, Failure, Tool},
@@ -150,7 +151,7 @@ pub(crate) async fn description_of(device: &LineDevice) -> Option<DriveDescripti
 fn named(description: DriveDescription, position: u16) -> DriveConfig {
     let axes = description.axes.len();
     (1..=axes).fold(DriveConfig::new(description), |drive, axis| {
-        drive.axis(format!("{position}.{axis}"))
+        drive.axis(axis_name(position, axis))
     })
 }
 

@@ -1,6 +1,7 @@
 //! Signals of every cycle as CSV or JSON, as an MCAP file or as a picture: of the network that a program shows, or of the drives of a
 //! line.
 
+mod csv;
 mod picture;
 mod recording;
 
@@ -12,11 +13,12 @@ use servocrab::bus::{Capture, RecordedCycles, RecordedValues, Signal, Trigger};
 use servocrab_attach::{ClientError, Watch, WatchedSignal, socket_of};
 use smol::channel::{Receiver, bounded};
 
+use csv::{Table, heading};
 use picture::Picture;
 use recording::Recording;
 
 use crate::{
-    line::LineArguments,
+    axes::DrivesArguments,
     output::{Done, Failure, Tool, put},
     panel::all_drives,
 };
@@ -29,7 +31,7 @@ const LOOK: Duration = Duration::from_millis(50);
 #[derive(Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    line: LineArguments,
+    drives: DrivesArguments,
     /// Signals: x.position, x.state, x.6077h, 6077h@1, lateness
     #[arg(required = true)]
     signals: Vec<Signal>,
@@ -48,9 +50,9 @@ pub(crate) struct Arguments {
     /// Cycles after the trigger
     #[arg(long, default_value_t = 500, requires = "trigger")]
     after: usize,
-    /// Time from one cycle to the next, in microseconds, where the line is brought up here
-    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=20_000))]
-    cycle_us: u32,
+    /// Write the cycles into this CSV file, in place of the output; a file that is there is replaced
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
     /// Write the cycles into this MCAP file, in place of the output; a file that is there is replaced
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
@@ -74,6 +76,7 @@ struct Watched<'a> {
 
 /// The files that the cycles go to.
 struct Files {
+    table: Option<Table>,
     recording: Option<Recording>,
     picture: Option<Picture>,
     cycles: u64,
@@ -86,7 +89,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         tool.over(arguments.seconds).await;
         Ok(())
     };
-    if let Some(interface) = arguments.line.interface() {
+    if let Some(interface) = arguments.drives.line.interface() {
         let (signals, every) = (watched.signals.clone(), arguments.every);
         let socket = socket_of(interface);
         match smol::unblock(move || Watch::open(&socket, &signals, every)).await {
@@ -109,8 +112,8 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
             Err(error) => return Err(error.into()),
         }
     }
-    let cycle = Duration::from_micros(arguments.cycle_us.into());
-    let builder = all_drives(tool, &arguments.line, cycle).await?.builder;
+    let drives = &arguments.drives;
+    let builder = drives.network(all_drives(tool, drives).await?)?;
     let start = async { Ok(builder.start().await?) };
     let net = tool.unless_interrupted(start).await?;
     let shown = async {
@@ -178,11 +181,13 @@ impl<'a> Watched<'a> {
     fn begin(&mut self, tool: &Tool, signals: &[WatchedSignal]) -> Result<(), Failure> {
         // Behind them is the trigger's.
         let signals = signals.get(..self.shown).unwrap_or(signals);
-        let (mcap, svg) = (&self.arguments.mcap, &self.arguments.svg);
-        if mcap.is_some() || svg.is_some() {
+        let Arguments { csv, mcap, svg, .. } = self.arguments;
+        if csv.is_some() || mcap.is_some() || svg.is_some() {
+            let table = csv.as_ref().map(|file| Table::create(file, signals));
             let recording = mcap.as_ref().map(|file| Recording::create(file, signals));
             let picture = svg.as_ref().map(|file| Picture::create(file, signals));
             self.files = Some(Files {
+                table: table.transpose()?,
                 recording: recording.transpose()?,
                 picture: picture.transpose()?,
                 cycles: 0,
@@ -218,6 +223,7 @@ impl<'a> Watched<'a> {
         shown: Result<(), Failure>,
     ) -> Result<(), Failure> {
         let Some(Files {
+            table,
             recording,
             picture,
             cycles,
@@ -226,12 +232,15 @@ impl<'a> Watched<'a> {
         else {
             return shown;
         };
+        let tabled = table.map_or(Ok(()), Table::complete);
         let recorded = recording.map_or(Ok(()), Recording::complete);
         let drawn = picture.map_or(Ok(()), Picture::complete);
         shown?;
+        tabled?;
         recorded?;
         drawn?;
-        let files = self.arguments.mcap.iter().chain(&self.arguments.svg);
+        let Arguments { csv, mcap, svg, .. } = self.arguments;
+        let files = csv.iter().chain(mcap).chain(svg);
         let files: Vec<_> = files.map(|file| file.display().to_string()).collect();
         let text = format!("{cycles} cycles in {}\n", files.join(" and "));
         let json = json!({"cycles": cycles, "lost": lost, "files": files});
@@ -265,48 +274,21 @@ impl<'a> Watched<'a> {
     }
 
     fn row(&self, tool: &Tool, cycle: &RecordedValues) -> String {
-        let values = cycle.values.iter().take(self.shown);
         if tool.json {
-            let values: Vec<_> = values.collect();
+            let values: Vec<_> = cycle.values.iter().take(self.shown).collect();
             let row = json!({"cycle": cycle.number, "seconds": cycle.time.as_secs_f64(), "values": values});
             return format!("{row}\n");
         }
-        let values = values
-            .map(|value| value.map_or_else(|| ",".into(), |value| format!(",{}", rounded(value))));
-        let values: String = values.collect();
-        format!("{},{:.6}{values}\n", cycle.number, cycle.time.as_secs_f64())
+        csv::row(cycle, self.shown)
     }
-}
-
-/// The first line of the CSV: names of axes and of points may have any characters.
-fn heading(signals: &[WatchedSignal]) -> String {
-    let names = signals.iter().map(|known| match known.unit.as_str() {
-        "" => quoted(known.signal.clone()),
-        unit => quoted(format!("{} [{unit}]", known.signal)),
-    });
-    let names: String = names.map(|name| format!(",{name}")).collect();
-    format!("cycle,time [s]{names}\n")
-}
-
-/// A field of a CSV line by RFC 4180, section 2: in quotes where it has a comma, a quote or the end of a line.
-fn quoted(field: String) -> String {
-    match field.contains([',', '"', '\r', '\n']) {
-        true => format!("\"{}\"", field.replace('"', "\"\"")),
-        false => field,
-    }
-}
-
-/// To 12 digits, unless it is a whole number: most have 32 bits before they get a unit, and more digits are those of the conversion.
-fn rounded(value: f64) -> f64 {
-    if value.fract() == 0.0 {
-        return value;
-    }
-    format!("{value:.11e}").parse().unwrap_or(value)
 }
 
 impl Files {
     fn take(&mut self, read: &RecordedCycles) -> Result<(), Failure> {
         for cycle in &read.cycles {
+            if let Some(table) = &mut self.table {
+                table.write(cycle)?;
+            }
             if let Some(recording) = &mut self.recording {
                 recording.write(cycle)?;
             }
@@ -317,43 +299,5 @@ impl Files {
         self.cycles += read.cycles.len() as u64;
         self.lost += read.lost;
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_name_with_a_comma_or_a_quote_is_one_field_of_the_heading() {
-        let known = |signal: &str, unit: &str| WatchedSignal {
-            signal: signal.into(),
-            unit: unit.into(),
-        };
-        let signals = [
-            known("x.position", "mm"),
-            known("gantry, left.position", "mm"),
-            known("valves.Channel \"1\".Output", ""),
-            known("two\nlines.state", ""),
-        ];
-        assert_eq!(
-            heading(&signals),
-            "cycle,time [s],x.position [mm],\"gantry, left.position [mm]\",\"valves.Channel \"\"1\"\".Output\",\"two\nlines.state\"\n"
-        );
-    }
-
-    #[test]
-    fn a_value_has_the_digits_that_it_was_measured_with() {
-        for (value, text) in [
-            (27.895_999_999_999_997, "27.896"),
-            (-0.1 - 0.2, "-0.3"),
-            (1e-9 / 3.0, "0.000000000333333333333"),
-            (4_294_967_295.0, "4294967295"),
-            (9_007_199_254_740_991.0, "9007199254740991"),
-            (0.0, "0"),
-        ] {
-            assert_eq!(rounded(value).to_string(), text);
-        }
-        assert!(rounded(f64::NAN).is_nan());
     }
 }

@@ -375,9 +375,9 @@ fn a_command_that_asks_names_only_the_options_that_it_has() {
     std::fs::write(&file, "").unwrap();
     let file = file.display();
     for asks in [
-        "move --sim akd2g --by 500 --velocity 5000".to_owned(),
-        "jog --sim akd2g --velocity 5000 --milliseconds 100".to_owned(),
-        "home --sim akd2g --method 37".to_owned(),
+        "move --sim akd2g --axis 0-1 --by 500 --velocity 5000".to_owned(),
+        "jog --sim akd2g --axis 0-1 --velocity 5000 --milliseconds 100".to_owned(),
+        "home --sim akd2g --axis 0-1 --method 37".to_owned(),
         "params --sim akd2g store".to_owned(),
         format!("params --sim akd2g backup {file}"),
         format!("init --sim akd2g {file}"),
@@ -415,9 +415,14 @@ fn every_drive_is_watched_and_moved_whatever_it_lacks() {
         assert!(watched.lines().count() > 1, "{drive}: {watched}");
         let moved = with_code(
             0,
-            &format!("move --sim {drive} --watchdog-ms 2000 --by 500 --velocity 5000 --yes"),
+            &format!(
+                "move --sim {drive} --axis 0-1 --watchdog-ms 2000 --by 500 --velocity 5000 --yes"
+            ),
         );
-        assert!(moved.starts_with("reached "), "{drive}: {moved}");
+        assert!(
+            moved.starts_with("reached, within the window of "),
+            "{drive}: {moved}"
+        );
     }
 }
 
@@ -469,7 +474,7 @@ fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file()
     let [first, second] = [first, second].map(|file| std::fs::read_to_string(file).unwrap());
     assert_eq!(first, second);
     assert!(
-        first.contains("axes = [\"1.1\", \"1.2\"]") && first.contains("name = \"Inputs\""),
+        first.contains("axes = [\"1-1\", \"1-2\"]") && first.contains("name = \"Inputs\""),
         "{first}"
     );
 }
@@ -477,7 +482,6 @@ fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file()
 /// The line as `init --rust` writes it, compiled.
 #[path = "../written/line.rs"]
 #[allow(dead_code, reason = "the test looks at some of its names")]
-#[rustfmt::skip]
 mod line;
 
 #[test]
@@ -499,9 +503,11 @@ fn the_line_as_rust_compiles_and_brings_up_the_line_that_it_was_made_of() {
     if std::env::var_os("WRITE_LINE").is_some() {
         std::fs::write(&kept, &written).unwrap();
     }
+    // Where there is no rustfmt it is laid out otherwise.
+    let said = |text: &str| text.replace([' ', '\n', ','], "");
     assert_eq!(
-        written,
-        std::fs::read_to_string(kept).unwrap(),
+        said(&written),
+        said(&std::fs::read_to_string(kept).unwrap()),
         "WRITE_LINE=1 writes it"
     );
 
@@ -622,8 +628,10 @@ fn an_axis_is_moved_jogged_and_homed_and_nothing_else_moves() {
     let trace = directory.path().join("trace.csv");
     let mut line = simulated(&simulator(), &["akd2g"], 120, Some(&trace));
     // A computer that is busy with other things loses no drive.
-    let axis = "--interface master0 --drive 0 --watchdog-ms 2000";
-    let asked = servocrab(&format!("move {axis} --by 5000 --velocity 50000"));
+    let axis = "--interface master0 --watchdog-ms 2000";
+    let asked = servocrab(&format!(
+        "move {axis} --axis 0-1 --by 5000 --velocity 50000"
+    ));
     assert_eq!(asked.code, Some(2));
     assert!(
         asked.errors.contains("Is everybody clear of it?"),
@@ -631,7 +639,9 @@ fn an_axis_is_moved_jogged_and_homed_and_nothing_else_moves() {
         asked.errors
     );
     // Nobody knows what the position means.
-    let refused = servocrab(&format!("move {axis} --yes --to 5000 --velocity 50000"));
+    let refused = servocrab(&format!(
+        "move {axis} --axis 0-1 --yes --to 5000 --velocity 50000"
+    ));
     assert_eq!(refused.code, Some(2), "{}", refused.output);
     assert!(
         refused.errors.contains("--unreferenced"),
@@ -639,30 +649,34 @@ fn an_axis_is_moved_jogged_and_homed_and_nothing_else_moves() {
         refused.errors
     );
     let none = servocrab(&format!(
-        "move {axis} --yes --axis 3 --by 1 --velocity 50000"
+        "move {axis} --yes --axis 0-3 --by 1 --velocity 50000"
     ));
     assert!(
-        none.errors.contains("has 2 axes, and no axis 3"),
+        none.errors
+            .contains("there is no axis \"0-3\": the line has 0-1, 0-2"),
         "{}",
         none.errors
     );
 
     let moved = with_code(
         0,
-        &format!("move {axis} --yes --axis 2 --to 5000 --unreferenced --velocity 50000"),
+        &format!("move {axis} --yes --axis 0-2 --to 5000 --unreferenced --velocity 50000"),
     );
-    assert!(moved.starts_with("reached "), "{moved}");
+    assert!(
+        moved.starts_with("reached, within the window of "),
+        "{moved}"
+    );
     let jogged = json(&format!(
-        "jog {axis} --yes --axis 2 --velocity 20000 --milliseconds 300"
+        "jog {axis} --yes --axis 0-2 --velocity 20000 --milliseconds 300"
     ));
-    let travelled = jogged["position"].as_i64().unwrap() - jogged["from"].as_i64().unwrap();
-    assert!(travelled > 1000, "{jogged}");
-    let homed = json(&format!("home {axis} --yes --axis 2 --method 37"));
+    let travelled = jogged["position"].as_f64().unwrap() - jogged["from"].as_f64().unwrap();
+    assert!(travelled > 1000.0, "{jogged}");
+    let homed = json(&format!("home {axis} --yes --axis 0-2 --method 37"));
     assert_eq!(homed["referenced"], true, "{homed}");
 
     // Ctrl-C on the way: it stops and is disabled.
     let mut child = command(&format!(
-        "move {axis} --yes --axis 2 --by 100000000 --velocity 50000"
+        "move {axis} --yes --axis 0-2 --by 100000000 --velocity 50000"
     ))
     .stdout(Stdio::piped())
     .stderr(Stdio::piped())
@@ -708,7 +722,7 @@ fn a_move_that_fails_says_that_its_axis_was_not_seen_to_stand() {
     let directory = tempfile::tempdir().unwrap();
     let trace = directory.path().join("trace.csv");
     let mut line = simulated(&simulator(), &["akd2g"], 120, Some(&trace));
-    let by = "move --interface master0 --drive 0 --watchdog-ms 2000 --yes --unreferenced --velocity 50000 --by";
+    let by = "move --interface master0 --axis 0-1 --watchdog-ms 2000 --yes --unreferenced --velocity 50000 --by";
     // Once the axis has moved, the trace has rows of it.
     with_code(0, &format!("{by} 1000"));
     let mut child = command(&format!("{by} 100000000"))
@@ -767,11 +781,11 @@ fn the_check_names_what_an_earlier_program_has_left_in_a_drive() {
     let row = |verdict: &str, what: &str, check: &str| (verdict.into(), what.into(), check.into());
     let before = verdicts();
     assert!(
-        before.contains(&row("good", "axis 0.2", "quick stop 605Ah")),
+        before.contains(&row("good", "axis 0-2", "quick stop 605Ah")),
         "{before:?}"
     );
     assert!(
-        before.contains(&row("note", "axis 0.2", "position limits 607Dh")),
+        before.contains(&row("note", "axis 0-2", "position limits 607Dh")),
         "{before:?}"
     );
     assert!(
@@ -790,15 +804,15 @@ fn the_check_names_what_an_earlier_program_has_left_in_a_drive() {
     }
     let after = verdicts();
     assert!(
-        after.contains(&row("wrong", "axis 0.2", "quick stop 605Ah")),
+        after.contains(&row("wrong", "axis 0-2", "quick stop 605Ah")),
         "{after:?}"
     );
     assert!(
-        after.contains(&row("good", "axis 0.1", "quick stop 605Ah")),
+        after.contains(&row("good", "axis 0-1", "quick stop 605Ah")),
         "{after:?}"
     );
     assert!(
-        after.contains(&row("good", "axis 0.2", "position limits 607Dh")),
+        after.contains(&row("good", "axis 0-2", "position limits 607Dh")),
         "{after:?}"
     );
     assert!(
@@ -817,8 +831,8 @@ fn a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file() {
     let place = |name: &str| directory.path().join(name).display().to_string();
     let (first, second) = (place("machine.toml"), place("again.toml"));
     let esi = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/esi/akd2g.xml");
-    let esi = esi.canonicalize().unwrap();
-    let esi = esi.display();
+    let esi_file = esi.canonicalize().unwrap();
+    let esi = esi_file.display();
     let said = with_code(0, &format!("init --sim akd2g --esi {esi} {first}"));
     assert!(said.contains("1 drive(s) with 2 axes"), "{said}");
     let mut line = Process(
@@ -834,6 +848,15 @@ fn a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file() {
         [&first, &second].map(|file| std::fs::read_to_string(file).unwrap());
     assert_eq!(first_text, second_text);
     assert!(first_text.contains("kind = \"esi\""), "{first_text}");
+    // Beside the machine's file it is named by its way from there.
+    std::fs::copy(&esi_file, directory.path().join("akd2g.xml")).unwrap();
+    let third = place("third.toml");
+    with_code(
+        0,
+        &format!("init --sim akd2g --esi {} {third}", place("akd2g.xml")),
+    );
+    let third_text = std::fs::read_to_string(&third).unwrap();
+    assert!(third_text.contains("esi = \"akd2g.xml\""), "{third_text}");
     let page = servocrab(&format!(
         "--json check --interface master0 --seconds 1 {first}"
     ));
@@ -957,4 +980,84 @@ fn a_question_at_a_terminal_is_answered_by_yes_by_no_and_by_ctrl_c() {
         let is_replaced = std::fs::read_to_string(&file).unwrap() != "of the user";
         assert_eq!(is_replaced, code == 0);
     }
+}
+
+#[test]
+fn a_machine_s_file_gives_axes_their_names_and_units_and_the_tool_takes_them() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("machine.toml");
+    let path = file.display();
+    with_code(0, &format!("init --sim akd2g,io,generic {path}"));
+    let text = std::fs::read_to_string(&file).unwrap();
+    let named = text.replace(
+        "axes = [\"0-1\", \"0-2\"]",
+        "axes = [{ name = \"x\", unit = \"mm\", counts = 8192, per = 5 }, \"y\"]",
+    );
+    assert_ne!(text, named, "{text}");
+    std::fs::write(&file, named).unwrap();
+    let line = format!("--sim {path} --machine {path}");
+    let moved = json(&format!(
+        "move {line} --axis x --watchdog-ms 2000 --by 12.5 --velocity 50 --yes"
+    ));
+    let position = moved["position"].as_f64().unwrap();
+    assert!((position - 12.5).abs() < 0.1, "{moved}");
+    let watched = with_code(0, &format!("watch {line} --for 1 --every 500 x.position"));
+    assert!(watched.contains("x.position [mm]"), "{watched}");
+    // Counts are whole, and an axis without a unit has no others.
+    let halves = servocrab(&format!(
+        "move {line} --axis y --by 0.5 --velocity 50 --yes"
+    ));
+    assert_eq!(halves.code, Some(2));
+    assert!(
+        halves.errors.contains("no whole number"),
+        "{}",
+        halves.errors
+    );
+    let which = servocrab(&format!("move {line} --by 1 --velocity 50 --yes"));
+    assert!(
+        which
+            .errors
+            .contains("which axis? --axis x, --axis y, --axis 2-1"),
+        "{}",
+        which.errors
+    );
+    // Another line is refused.
+    let other = servocrab(&format!(
+        "move --sim generic --machine {path} --axis x --by 1 --velocity 50 --yes"
+    ));
+    assert_eq!(other.code, Some(2), "{}", other.output);
+}
+
+#[test]
+fn a_drive_is_simulated_by_its_esi_file() {
+    let esi = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/esi/akd2g.xml");
+    let line = with_code(0, &format!("scan --sim io,{}", esi.display()));
+    assert!(line.contains("AKD2G"), "{line}");
+    let chosen = with_code(0, &format!("scan --sim {}:0x414B4432", esi.display()));
+    assert!(chosen.contains("AKD2G"), "{chosen}");
+    let none = servocrab("scan --sim nothing");
+    assert!(
+        none.errors.contains("an ESI file (.xml)"),
+        "{}",
+        none.errors
+    );
+    let nowhere = servocrab("scan --sim nowhere.xml");
+    assert!(nowhere.errors.contains("nowhere.xml"), "{}", nowhere.errors);
+}
+
+#[test]
+fn a_watch_is_written_as_csv() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("watch.csv");
+    let path = file.display();
+    with_code(
+        0,
+        &format!("watch --sim generic --for 1 --every 100 0-1.position --csv {path}"),
+    );
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(
+        text.starts_with("cycle,time [s],0-1.position [counts]\n"),
+        "{text}"
+    );
+    assert!(text.lines().count() > 2, "{text}");
 }

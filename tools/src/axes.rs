@@ -1,0 +1,171 @@
+//! The drives of a line with all their axes: as a `machine.toml` names them, or each by its own description.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use servocrab::{
+    AxisConfig, DriveConfig,
+    bus::{LineDevice, NetworkBuilder},
+    coe::{AxisOffset, DriveId, obj},
+};
+
+use crate::{
+    line::LineArguments,
+    machine::{Axis, Machine, Units},
+    output::{Failure, Tool},
+    report::description_of,
+};
+
+/// How the drives of a line are driven.
+#[derive(Args)]
+pub(crate) struct DrivesArguments {
+    #[command(flatten)]
+    pub(crate) line: LineArguments,
+    /// The line's description, as `servocrab init` writes it: the names of the axes and their units. The line has to be as it says
+    #[arg(long, value_name = "FILE")]
+    machine: Option<PathBuf>,
+    /// Time from one cycle to the next, in microseconds; without it: that of the machine's file, or 1000
+    #[arg(long, value_parser = clap::value_parser!(u32).range(100..=20_000))]
+    cycle_us: Option<u32>,
+    /// After this time without process data a drive stops by itself, in milliseconds; without it: twenty cycles, at least 100 ms
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=6500))]
+    watchdog_ms: Option<u64>,
+}
+
+/// All drives of a line, each with all its axes.
+pub(crate) struct Drives {
+    drives: Vec<(u16, DriveConfig)>,
+    machine: Option<Machine>,
+    pub(crate) axes: Vec<FoundAxis>,
+}
+
+/// An axis of a drive that is there.
+pub(crate) struct FoundAxis {
+    /// `0-1` is the first axis of the drive at position 0, where no file gives it a name.
+    pub(crate) name: String,
+    pub(crate) drive: DriveId,
+    /// The drive has a target velocity 60FFh: not every drive has the mode of a jog.
+    pub(crate) jogs: bool,
+    pub(crate) units: Units,
+}
+
+impl DrivesArguments {
+    /// What is on the line. `config` is asked for the settings of each axis.
+    pub(crate) async fn find(
+        &self,
+        tool: &Tool,
+        config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
+    ) -> Result<Drives, Failure> {
+        let machine = self.machine.as_deref().map(Machine::load).transpose()?;
+        let line = self.line.scan(tool).await?;
+        let found = tool
+            .unless_interrupted(Drives::on(machine, line.devices(), config))
+            .await;
+        line.close().await;
+        found
+    }
+
+    /// The network of these drives.
+    pub(crate) fn network(&self, drives: Drives) -> Result<NetworkBuilder, Failure> {
+        let mut network = self.line.network()?;
+        if let Some(machine) = &drives.machine {
+            network = machine.without_drives(network);
+        }
+        if let Some(cycle) = self.cycle_us {
+            network = network.cycle(Duration::from_micros(cycle.into()));
+        }
+        if let Some(time) = self.watchdog_ms {
+            network = network.watchdog(Duration::from_millis(time));
+        }
+        let drives = drives.drives.into_iter();
+        Ok(drives.fold(network, |network, (position, drive)| {
+            network.drive(position, drive)
+        }))
+    }
+}
+
+impl Drives {
+    async fn on(
+        machine: Option<Machine>,
+        line: &[LineDevice],
+        config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
+    ) -> Result<Self, Failure> {
+        let (mut drives, mut axes) = (Vec::new(), Vec::new());
+        for device in line {
+            let position = device.id.position;
+            let (mut drive, named) = match &machine {
+                Some(machine) => match machine.devices.get(usize::from(position)) {
+                    Some(known) if known.kind.is_drive() => {
+                        (machine.drive(known)?, known.axes.clone())
+                    }
+                    _ => continue,
+                },
+                None => match description_of(device).await {
+                    Some(description) => {
+                        let numbers = 1..=description.axes.len();
+                        let named = numbers.map(|axis| Axis::named(axis_name(position, axis)));
+                        let named = named.collect();
+                        (DriveConfig::new(description), named)
+                    }
+                    None => continue,
+                },
+            };
+            let Some(sdo) = &device.sdo else { continue };
+            for (number, Axis { name, units }) in (1..).zip(named) {
+                let velocity = obj::TARGET_VELOCITY.offset(AxisOffset::of_axis(number));
+                let declared = units.declare(AxisConfig::new(&name));
+                let axis = FoundAxis {
+                    jogs: sdo.read(velocity).await.is_ok(),
+                    name,
+                    drive: device.id.clone(),
+                    units,
+                };
+                drive = drive.axis(config(&axis, declared));
+                axes.push(axis);
+            }
+            drives.push((position, drive));
+        }
+        if axes.is_empty() {
+            return Err("no drive was found on the line".into());
+        }
+        Ok(Self {
+            drives,
+            machine,
+            axes,
+        })
+    }
+
+    /// The other drives stay as they are, unless a file says that they belong to the machine.
+    pub(crate) fn only(mut self, position: u16) -> Self {
+        if self.machine.is_none() {
+            self.drives.retain(|(other, _)| *other == position);
+        }
+        self
+    }
+
+    /// The axis of this name; without one, the only axis.
+    pub(crate) fn axis(&self, name: Option<&str>) -> Result<&FoundAxis, Failure> {
+        let all = || self.axes.iter().map(|axis| axis.name.as_str());
+        match (name, self.axes.as_slice()) {
+            (None, [only]) => Ok(only),
+            (None, _) => {
+                let all: Vec<_> = all().collect();
+                Err(format!("which axis? --axis {}", all.join(", --axis ")).into())
+            }
+            (Some(name), axes) => axes.iter().find(|axis| axis.name == name).ok_or_else(|| {
+                let all: Vec<_> = all().collect();
+                format!(
+                    "there is no axis \"{name}\": the line has {}",
+                    all.join(", ")
+                )
+                .into()
+            }),
+        }
+    }
+}
+
+/// How an axis is called that no file names.
+pub(crate) fn axis_name(position: u16, number: impl std::fmt::Display) -> String {
+    format!("{position}-{number}")
+}

@@ -1,0 +1,150 @@
+//! The axes of a `machine.toml` and their units.
+
+use serde::Deserialize;
+use servocrab::{
+    AxisConfig,
+    units::{Degree, Mm, Ratio, Scale},
+};
+
+use crate::output::Failure;
+
+/// An axis of a drive.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "Written")]
+pub(crate) struct Axis {
+    pub(crate) name: String,
+    pub(crate) units: Units,
+}
+
+/// As a file has it: the name alone of an axis in counts, or its unit as well.
+#[derive(Deserialize)]
+#[serde(
+    untagged,
+    expecting = "an axis is its name, \"x\", or { name = \"x\", unit = \"mm\", counts = 1048576, per = 5 } with the unit mm or degree"
+)]
+enum Written {
+    Name(String),
+    WithUnit(WithUnit),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WithUnit {
+    name: String,
+    unit: Unit,
+    counts: u64,
+    #[serde(default = "one")]
+    per: u64,
+}
+
+const fn one() -> u64 {
+    1
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Unit {
+    Mm,
+    Degree,
+}
+
+impl Axis {
+    pub(crate) const fn named(name: String) -> Self {
+        Self {
+            name,
+            units: Units::Counts,
+        }
+    }
+}
+
+impl TryFrom<Written> for Axis {
+    type Error = String;
+
+    fn try_from(written: Written) -> Result<Self, String> {
+        let WithUnit {
+            name,
+            unit,
+            counts,
+            per,
+        } = match written {
+            Written::Name(name) => return Ok(Self::named(name)),
+            Written::WithUnit(axis) => axis,
+        };
+        let ratio = Ratio::new(counts, per).map_err(|error| format!("axis \"{name}\": {error}"))?;
+        let scale = Scale::counts_per_unit(ratio);
+        let units = match unit {
+            Unit::Mm => Units::Mm(scale),
+            Unit::Degree => Units::Degree(scale),
+        };
+        Ok(Self { name, units })
+    }
+}
+
+/// The unit of an axis, and how many counts it has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Units {
+    Counts,
+    Mm(Scale),
+    Degree(Scale),
+}
+
+impl Units {
+    pub(crate) fn declare(self, axis: AxisConfig) -> AxisConfig {
+        match self {
+            Self::Counts => axis,
+            Self::Mm(scale) => axis.unit::<Mm>(scale),
+            Self::Degree(scale) => axis.unit::<Degree>(scale),
+        }
+    }
+
+    /// The name behind a number.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Counts => "counts",
+            Self::Mm(_) => "mm",
+            Self::Degree(_) => "°",
+        }
+    }
+
+    pub(crate) fn position(self, position: f64) -> Result<i32, Failure> {
+        Ok(self.scale_of(position)?.position(position)?)
+    }
+
+    pub(crate) fn target_velocity(self, velocity: f64) -> Result<i32, Failure> {
+        Ok(self.scale_of(velocity)?.target_velocity(velocity)?)
+    }
+
+    pub(crate) fn velocity(self, velocity: f64) -> Result<u32, Failure> {
+        Ok(self.scale_of(velocity)?.velocity(velocity)?)
+    }
+
+    pub(crate) fn acceleration(self, acceleration: f64) -> Result<u32, Failure> {
+        Ok(self.scale_of(acceleration)?.acceleration(acceleration)?)
+    }
+
+    pub(crate) fn home_offset(self, offset: f64) -> Result<i32, Failure> {
+        Ok(self.scale_of(offset)?.home_offset(offset)?)
+    }
+
+    /// The scale by which this number is meant. Counts are whole.
+    fn scale_of(self, number: f64) -> Result<Scale, Failure> {
+        match self {
+            Self::Counts if number.is_finite() && number.fract() != 0.0 => Err(format!(
+                "{number} is no whole number, and the axis has no unit: --machine FILE gives it one, with counts = …"
+            )
+            .into()),
+            Self::Counts => Ok(Scale::COUNTS),
+            Self::Mm(scale) | Self::Degree(scale) => Ok(scale),
+        }
+    }
+
+    /// Rounded to a thousandth; counts are whole.
+    pub(crate) fn show(self, counts: i32) -> f64 {
+        match self {
+            Self::Counts => counts.into(),
+            Self::Mm(scale) | Self::Degree(scale) => {
+                (scale.position_of(counts) * 1000.0).round() / 1000.0
+            }
+        }
+    }
+}
