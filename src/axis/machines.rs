@@ -819,7 +819,9 @@ impl Machines {
         self.withdraw_unsent(failure);
         // Nothing starts in its frame, also where there is nothing to stop.
         self.outputs.stop_unsent = true;
-        if !has_motion && !self.stopping.halt.is_on && step.stands() {
+        // A stop ends a halt.
+        let goes_on = has_motion || (self.stopping.halt.is_on && !disables);
+        if !goes_on && step.stands() {
             return false;
         }
         self.fail_resume(failure);

@@ -417,6 +417,8 @@ fn after_a_jog_a_homing_or_without_power_a_distance_counts_from_where_the_axis_s
         mode(rig, Mode::ProfilePosition);
     };
     let is_pushed_by_hand = |rig: &mut Rig| {
+        // At rest: there is nothing to stop.
+        rig.run(300);
         let off = rig.send(Command::Disable);
         rig.finish(off).unwrap();
         rig.drive.place(5_000);

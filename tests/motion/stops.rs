@@ -403,6 +403,27 @@ fn a_halt_that_nobody_waits_for_goes_on_to_a_quick_stop() {
     }
 }
 
+#[test]
+fn a_stop_ends_a_halt_with_nothing_kept_and_the_axis_moves_after_enable() {
+    let mut rig = Rig::enabled();
+    rig.run(300);
+    let halt = rig.send(Command::Halt);
+    rig.finish(halt).unwrap();
+    let refused = rig.abs(1_000, SetPoint::new());
+    assert_eq!(
+        rig.finish(refused),
+        Err(Failure::Halted {
+            delivery: Delivery::NotSent
+        })
+    );
+    let stop = rig.send(Command::Stop);
+    rig.finish(stop).unwrap();
+    rig.enable();
+    let id = rig.abs(1_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.assert_reached(id, 1_000);
+}
+
 const STOPS: [Command; 4] = [
     Command::QuickStop,
     Command::Stop,

@@ -481,6 +481,29 @@ fn bit_8_stays_with_the_disabling_word_until_the_drive_is_out_of_operation_enabl
 }
 
 #[test]
+fn a_stop_that_the_drive_overtakes_by_its_own_quick_stop_has_no_more_time_than_before() {
+    let mut config = Played::staying();
+    config.deadlines.standstill = Duration::from_secs(4);
+    let (mut drive, _) = Played::moving(config, 100_000);
+    // It gets slower, and never stands.
+    drive.velocity = 10_000;
+    drive.submit(Command::Stop);
+    let mut until_off = 0;
+    while drive.word() != 0 {
+        drive.velocity -= 1;
+        let brings = if until_off < 2_500 {
+            ENABLED
+        } else {
+            QUICK_STOP_ACTIVE
+        };
+        drive.shows(brings);
+        until_off += 1;
+        assert!(until_off < 9_000, "it has no end");
+    }
+    assert!((3_990..4_010).contains(&until_off), "{until_off}");
+}
+
+#[test]
 fn a_drive_that_switches_off_by_itself_ends_what_was_under_way() {
     let (mut drive, moving) = Played::moving(Played::config(), 100_000);
     drive.shows(SWITCH_ON_DISABLED);
