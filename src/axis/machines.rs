@@ -41,6 +41,8 @@ pub(super) struct Step<'a> {
     /// Whether what was sent last is known to have been delivered.
     pub delivered: bool,
     pub sent: Outgoing,
+    /// Bit 8 was high, or its low not seen, when this cycle began.
+    halted: bool,
     /// Two cycles of the drive.
     pub seen: Timer,
     pub brake: Brake,
@@ -72,6 +74,7 @@ impl<'a> Step<'a> {
             error_code: code.filter(|&code| code != 0),
             delivered: observed.link.delivered,
             sent: machines.outputs.sent,
+            halted: machines.stopping.is_halted(),
             seen: Timer::new(config.traits.surely_seen()),
             brake: machines.brake,
             power: machines.power,
@@ -537,7 +540,7 @@ impl Machines {
             elapsed: step.elapsed,
             evidence: step.evidence,
             delivered: step.delivered,
-            halted: self.stopping.is_halted() || step.sends_halt(),
+            halted: step.halted || self.stopping.is_halted() || step.sends_halt(),
             statusword: step.statusword,
             controlword: step.sent.word.word(),
             last_seen: step.last_seen,

@@ -4,7 +4,7 @@ use servocrab::axis::{Completion, Failure};
 use servocrab::ds402;
 
 use crate::cable::Told;
-use crate::drive::{Ack, End, Latch};
+use crate::drive::{Ack, Base, End, Latch};
 use crate::outcome::{Class, is_unsent, leaves_open, name};
 use crate::scenario::{Issued, Kind, Scenario};
 use crate::words::{HALT, START_BITS};
@@ -27,9 +27,10 @@ impl Scenario {
         while let Some(latch) = self.drive.ledger.get(self.watch.ledger_seen).copied() {
             let index = self.watch.ledger_seen;
             self.watch.ledger_seen += 1;
-            // Its base is known where the axis is known to stand.
+            // Its base is known where the axis is known to stand, or behind another, unless it is blended in and counts from where the axis is.
             let stood = self.surely_stood() && !self.issued.iter().any(Issued::is_open_move);
-            self.drive.ledger[index].known &= stood || !latch.relative || latch.behind;
+            let behind = latch.behind && !(latch.blend && self.drive.making.base == Base::Actual);
+            self.drive.ledger[index].known &= stood || !latch.relative || behind;
             let name = latch.out.velocity.wrapping_sub(self.program.speed);
             self.say(|scenario| {
                 let (demand, mode) = (scenario.drive.demand, scenario.sent.mode);
