@@ -152,7 +152,7 @@ impl Sequencer {
 
     /// A stop takes over: moves that wait fail, and a rise of bit 4 that is not sent yet does not happen.
     pub fn withdraw_unsent(&mut self, failure: Failure, events: &mut Events) {
-        self.armed = None;
+        (self.armed, self.blocked) = (None, None);
         while let Some(request) = self.pending.pop() {
             events.push(request.id, Event::Done(Err(failure)));
         }
