@@ -30,6 +30,8 @@ use crate::{
 
 /// Bytes of an object that is written.
 const OBJECT: usize = 4096;
+/// Of these, what the log of commands shows.
+const SHOWN: usize = 16;
 /// The longest time for a reply of a drive that a client may ask for.
 const LONGEST: Duration = Duration::from_secs(60);
 
@@ -338,6 +340,13 @@ pub(crate) async fn write(
     shown.log.warn(format_args!(
         "{object} of {drive} is written by {client}: {bytes:02X?}"
     ));
+    let shown_bytes = bytes.get(..SHOWN).unwrap_or(&bytes);
+    let more = if bytes.len() > SHOWN { " …" } else { "" };
+    let what = format!(
+        "write {object} of drive {} to {shown_bytes:02X?}{more}",
+        drive.position
+    );
+    let begun = shown.journal.begin(&client, &what);
     let written = match how.complete {
         true => {
             sdo.write_complete(object.index, object.subindex, bytes)
@@ -346,8 +355,15 @@ pub(crate) async fn write(
         false => sdo.write_bytes(object.index, object.subindex, bytes).await,
     };
     match written {
-        Ok(()) => Ok(Json(json!({"written": true}))),
-        Err(error) => Err(sdo_refusal(&error)),
+        Ok(()) => {
+            begun.done("written");
+            Ok(Json(json!({"written": true})))
+        }
+        Err(error) => {
+            let refusal = sdo_refusal(&error);
+            begun.failed(&refusal.text);
+            Err(refusal)
+        }
     }
 }
 
