@@ -12,9 +12,10 @@ use axum::{
 use serde::Deserialize;
 use serde_json::{Value, json};
 use servocrab::{
-    AxisError, BufferMode, SetPoint,
+    AxisError, BufferMode, Outcome, SetPoint,
     bus::NetworkError,
     homing::{HomingMethod, HomingParameters},
+    units::Scale,
 };
 use tokio::time::timeout;
 
@@ -258,13 +259,27 @@ pub(crate) async fn move_axis(
             false => lease.move_abs(value, set_point).await,
         };
         let outcome = match begun {
-            Ok(motion) => motion.done().await.map(|outcome| outcome.to_string()),
+            Ok(motion) => motion.done().await.map(|outcome| {
+                let how = match outcome {
+                    Outcome::Passed { .. } => "passed",
+                    _ => "reached",
+                };
+                format!(
+                    "{how} {} {unit}",
+                    shown_position(&scale, outcome.position())
+                )
+            }),
             Err(error) => Err(error),
         };
         let released = lease.release().await;
         outcome.and_then(|outcome| released.map(|()| outcome))
     };
     Ok(finish(shown, client, what, work).await)
+}
+
+/// A position in the unit of the axis, without the digits of the conversion.
+fn shown_position(scale: &Scale, counts: i32) -> f64 {
+    (scale.position_of(counts) * 1e6).round() / 1e6
 }
 
 #[derive(Deserialize)]
@@ -281,19 +296,23 @@ pub(crate) async fn home(
     Path(name): Path<String>,
     bytes: Bytes,
 ) -> Result<Response, Refusal> {
-    let axis = shown.granted.moves(&name)?.axis.clone();
+    let granted = shown.granted.moves(&name)?.clone();
+    let unit = shown.unit_of(&name);
     let HomeBody { method, within } = body(&bytes)?;
     let within = Duration::try_from_secs_f64(within);
     let within = within.map_err(|error| Refusal::of("bad_body", format!("`within`: {error}")))?;
     let what = format!("home {name} by method {method}");
     let of_work = shown.clone();
     let work = async move {
-        let lease = axis.homing().await?;
+        let lease = granted.axis.homing().await?;
         let _led = of_work.led(&name);
         let parameters = HomingParameters::new(HomingMethod(method));
         let homed = lease.home(parameters).within(within).await;
         let released = lease.release().await;
-        homed.and_then(|homed| released.map(|()| format!("homed at {} counts", homed.position)))
+        homed.and_then(|homed| {
+            let position = shown_position(&granted.scale, homed.position);
+            released.map(|()| format!("homed at {position} {unit}"))
+        })
     };
     Ok(finish(shown, client, what, work).await)
 }

@@ -236,7 +236,10 @@ pub(crate) async fn dictionary(
     if let Some(known) = known() {
         return Ok(Json(known));
     }
-    let listed = listed(sdo).await.map_err(|error| sdo_refusal(&error))?;
+    let is_owned =
+        |object: ObjectAddress| is_owned(object) || is_mapped(&shown, sdo.drive(), object);
+    let listed = listed(sdo, is_owned).await;
+    let listed = listed.map_err(|error| sdo_refusal(&error))?;
     let mut all = shown
         .dictionaries
         .lock()
@@ -245,7 +248,11 @@ pub(crate) async fn dictionary(
     Ok(Json(listed))
 }
 
-async fn listed(sdo: &SdoHandle) -> Result<Value, DriveError> {
+/// With those that clients never write.
+async fn listed(
+    sdo: &SdoHandle,
+    is_owned: impl Fn(ObjectAddress) -> bool,
+) -> Result<Value, DriveError> {
     let dictionary = match sdo.dictionary().await {
         Ok(dictionary) => dictionary,
         Err(error) if matches!(error.error, SdoError::NotSupported { .. }) => {
@@ -262,6 +269,7 @@ async fn listed(sdo: &SdoHandle) -> Result<Value, DriveError> {
                         "type": TypeCode::from(object.data_type).to_string(),
                         "bits": object.bits(),
                         "access": if object.writable { "rw" } else { "ro" },
+                        "owned": is_owned(address),
                     })
                 })
                 .collect());
@@ -277,6 +285,7 @@ async fn listed(sdo: &SdoHandle) -> Result<Value, DriveError> {
                 "type": entry.data_type.to_string(),
                 "bits": entry.bits,
                 "access": entry.access.to_string(),
+                "owned": is_owned(entry.address),
             })
         })
     });

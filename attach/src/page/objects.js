@@ -102,7 +102,7 @@ export function objectRow(ofDrive, object, grants) {
     make("td", { className: "type", textContent: object.type }), make("td", { className: "access", textContent: object.access }), cell);
   Object.assign(row, { object, value, drive: ofDrive });
   row.dataset.object = address(object);
-  if (grants.parameters && isWritable(object)) {
+  if (grants.parameters && isWritable(object) && !object.owned) {
     cell.className = "editable";
     const change = button("Edit", () => edit(row), { className: "quiet-button" });
     change.setAttribute("aria-label", `edit ${address(object)}`);

@@ -160,12 +160,21 @@ impl Browser {
             .map(drop)
     }
 
-    /// A click in the middle of an element, which is brought into view.
+    /// A click in the middle of an element, which is brought into view: away from the head of the page.
     pub(crate) fn click(&self, css: &str) -> Result<()> {
+        self.bring_into_view(css)?;
         let element = self.element(css)?;
         self.post(&format!("/element/{element}/click"), &json!({}))
             .map_err(|error| format!("{css}: {error}").into())
             .map(drop)
+    }
+
+    fn bring_into_view(&self, css: &str) -> Result<()> {
+        let css = json!(css);
+        self.run(&format!(
+            "document.querySelector({css})?.scrollIntoView({{ block: 'center' }})"
+        ))
+        .map(drop)
     }
 
     /// Types into a field, in place of what it has.
@@ -184,9 +193,7 @@ impl Browser {
     /// Drags an element by so many pixels.
     pub(crate) fn drag(&self, css: &str, x: i32, y: i32) -> Result<()> {
         let element = json!({ELEMENT: self.element(css)?});
-        self.run(&format!(
-            "document.querySelector('{css}').scrollIntoView({{ block: 'center' }})"
-        ))?;
+        self.bring_into_view(css)?;
         self.pointer(&json!([
             {"type": "pointerMove", "duration": 0, "origin": element, "x": 0, "y": 0},
             {"type": "pointerDown", "button": 0},

@@ -130,7 +130,7 @@ fn opened(machine: &Machine, cable: &Cable) -> Result<Browser> {
         "the panel is connected",
         "control.js",
         "tick",
-        "return tick !== null && document.querySelector('#connection').textContent === 'connected'",
+        "return tick !== null && ['connected', 'fault: y'].includes(document.querySelector('#connection').textContent)",
     )?;
     Ok(browser)
 }
