@@ -32,6 +32,19 @@ export function openSocket(path) {
 export const streamPath = (signals, every = 1) =>
   `/v1/stream?every=${every}&signals=${signals.map(encodeURIComponent).join(",")}`;
 
+/** A stream has 512 signals at most, and its request has room for so many characters. */
+const [SIGNALS, CHARACTERS] = [512, 12_000];
+
+/** How many of these signals one stream has room for. */
+export function fitting(signals) {
+  let length = 0;
+  const end = signals.findIndex((signal) => {
+    length += encodeURIComponent(signal).length + 1;
+    return length > CHARACTERS;
+  });
+  return Math.min(end < 0 ? signals.length : end, SIGNALS);
+}
+
 /** One block of a stream: see streams.rs. */
 export function decodeBlock(buffer) {
   const view = new DataView(buffer);

@@ -1,16 +1,15 @@
 // The line: every device with its state, what its ports have counted, and its inputs and outputs.
 
-import { ask, follow } from "./connection.js";
+import { ask, fitting, follow } from "./connection.js";
 import { button, find, hexadecimal, make, rounded, write } from "./dom.js";
 
 /** Cycles between two values. */
 const EVERY = 50;
-/** Of a device: a stream has so many at most. */
-const MOST = 256;
 
 const rows = new Map();
 let signals = [];
 let names = new Map();
+let endFollowing = () => {};
 
 function isDecent(device) {
   return device.state === "OP" || (device.kind === "other" && device.state !== null && device.error === null);
@@ -24,19 +23,26 @@ function portErrors(ports) {
   return counted.length === 0 ? { text: "no port errors", isClean: true } : { text: counted.join(", "), isClean: false };
 }
 
-/** The points of a device with their values, while they are open. */
+/** The points of a device, each with the cell of its value. */
 function pointsOf(position) {
-  const own = signals.filter((entry) => entry.device === position).slice(0, MOST);
-  const values = own.map(() => make("td", { className: "number" }));
-  const table = make("table", { className: "points" }, make("tbody", {}, ...own.map((entry, place) =>
-    make("tr", {}, make("td", { className: "quiet", textContent: entry.is_input ? "in" : "out" }),
-      make("td", { textContent: names.get(entry.signal) ?? entry.signal }), values[place], make("td", { className: "unit", textContent: entry.unit })))));
-  const show = (cycles) => {
-    const latest = cycles.at(-1);
-    latest?.values.forEach((value, place) => write(values[place], shownValue(value, own[place])));
-  };
-  const end = own.length === 0 ? () => {} : follow(own.map((entry) => entry.signal), EVERY, show);
-  return { table, end };
+  return signals.filter((entry) => entry.device === position).map((entry) => ({ entry, cell: make("td", { className: "number" }) }));
+}
+
+function pointRow({ entry, cell }) {
+  return make("tr", {}, make("td", { className: "quiet", textContent: entry.is_input ? "in" : "out" }),
+    make("td", { textContent: names.get(entry.signal) ?? entry.signal }), cell, make("td", { className: "unit", textContent: entry.unit }));
+}
+
+/** One stream for the points of all devices that are open: each takes a place of the server. */
+function followOpen() {
+  endFollowing();
+  const open = [...rows.values()].flatMap((row) => row.open);
+  const count = fitting(open.map(({ entry }) => entry.signal));
+  for (const { cell } of open.slice(count)) write(cell, "too many are open");
+  const followed = open.slice(0, count);
+  endFollowing = followed.length === 0 ? () => {} : follow(followed.map(({ entry }) => entry.signal), EVERY, (cycles) => {
+    cycles.at(-1)?.values.forEach((value, place) => write(followed[place].cell, shownValue(value, followed[place].entry)));
+  });
 }
 
 function shownValue(value, entry) {
@@ -46,20 +52,14 @@ function shownValue(value, entry) {
 }
 
 function toggle(row, device) {
-  if (row.end) {
-    row.end();
-    row.end = null;
-    row.points.replaceChildren();
-  } else {
-    const { table, end } = pointsOf(device.position);
-    row.end = end;
-    row.points.replaceChildren(table);
-  }
-  row.more.setAttribute("aria-expanded", String(row.end !== null));
+  row.open = row.open.length > 0 ? [] : pointsOf(device.position);
+  row.points.replaceChildren(...(row.open.length > 0 ? [make("table", { className: "points" }, make("tbody", {}, ...row.open.map(pointRow)))] : []));
+  row.more.setAttribute("aria-expanded", String(row.open.length > 0));
+  followOpen();
 }
 
 function rowOf(device) {
-  const row = { state: make("span", { className: "pill" }), ports: make("span", { className: "ports" }), points: make("div", { className: "device-points" }), end: null };
+  const row = { state: make("span", { className: "pill" }), ports: make("span", { className: "ports" }), points: make("div", { className: "device-points" }), open: [] };
   const count = signals.filter((entry) => entry.device === device.position).length;
   row.more = button(`${count} inputs and outputs`, () => toggle(row, device), { className: "quiet-button", hidden: count === 0 });
   row.more.setAttribute("aria-expanded", "false");

@@ -1,6 +1,6 @@
 // Where each axis is going: seen in the process data, whoever has begun the move.
 
-import { follow } from "./connection.js";
+import { fitting, follow } from "./connection.js";
 
 const NEW_SET_POINT = 4;
 const RELATIVE = 6;
@@ -15,7 +15,7 @@ export const goalOf = (axis) => goals.get(axis) ?? { from: null, to: null, veloc
 /** One cycle of one axis; `seen` is what the cycle before had. */
 function take(seen, { controlword, target, position, mode, target_velocity: velocity }) {
   const begins = (controlword >> NEW_SET_POINT) & 1;
-  if (begins && !seen.begins && mode === PROFILE_POSITION && target !== null && position !== null) {
+  if (begins && !seen.begins && mode === PROFILE_POSITION && target != null && position != null) {
     seen.from = position;
     seen.to = (controlword >> RELATIVE) & 1 ? position + target : target;
   }
@@ -27,7 +27,8 @@ function take(seen, { controlword, target, position, mode, target_velocity: velo
 export function followGoals(axes, signals) {
   const known = new Set(signals.map((entry) => entry.signal));
   const followed = axes.map((axis) => axis.name).filter((name) => known.has(`${name}.controlword`));
-  const places = followed.flatMap((name) => PARTS.filter((part) => known.has(`${name}.${part}`)).map((part) => ({ name, part })));
+  const all = followed.flatMap((name) => PARTS.filter((part) => known.has(`${name}.${part}`)).map((part) => ({ name, part })));
+  const places = all.slice(0, fitting(all.map(({ name, part }) => `${name}.${part}`)));
   if (places.length === 0) return;
   for (const name of followed) goals.set(name, { from: null, to: null, velocity: null, begins: 0 });
   follow(places.map(({ name, part }) => `${name}.${part}`), 1, (cycles) => {
