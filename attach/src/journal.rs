@@ -2,7 +2,6 @@
 
 use std::{
     collections::VecDeque,
-    fmt,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
@@ -48,9 +47,9 @@ struct End {
 
 impl Journal {
     /// A command that takes its time: what is given ends it.
-    pub fn begin(&self, client: &Client, what: &impl fmt::Display) -> Begun {
+    pub fn begin(&self, client: &Client, what: &str) -> Begun {
         let mut kept = self.kept();
-        let number = kept.push(client, what.to_string());
+        let number = kept.push(client, what);
         Begun {
             journal: self.clone(),
             number,
@@ -68,7 +67,7 @@ impl Journal {
             same.times = same.times.saturating_add(1);
             return;
         }
-        let number = kept.push(client, what.to_owned());
+        let number = kept.push(client, what);
         kept.end(number, true, "sent in the next frame");
     }
 
@@ -83,7 +82,7 @@ impl Journal {
 }
 
 impl Kept {
-    fn push(&mut self, client: &Client, what: String) -> u64 {
+    fn push(&mut self, client: &Client, what: &str) -> u64 {
         let number = self.next;
         self.next += 1;
         if self.entries.len() >= KEPT {
@@ -94,7 +93,7 @@ impl Kept {
             at: SystemTime::now(),
             begun: Instant::now(),
             client: client.to_string(),
-            what: short(&what),
+            what: short(what),
             times: 1,
             end: None,
         });
@@ -183,9 +182,9 @@ mod tests {
     #[test]
     fn the_latest_commands_are_kept_with_their_ends() {
         let journal = Journal::default();
-        let early = journal.begin(&client(), &"move x");
-        let moved = journal.begin(&client(), &"move y");
-        drop(journal.begin(&client(), &"home z"));
+        let early = journal.begin(&client(), "move x");
+        let moved = journal.begin(&client(), "move y");
+        drop(journal.begin(&client(), "home z"));
         moved.failed("it has a fault");
         let all = journal.json();
         let ends: Vec<_> = (0..3)

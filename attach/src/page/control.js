@@ -106,7 +106,7 @@ document.addEventListener("visibilitychange", () => {
 });
 
 export function jogButton(axis, text, direction, speed) {
-  const button = make("button", { type: "button", className: "jog", textContent: text });
+  const button = make("button", { type: "button", className: "jog", textContent: text, title: "It moves as long as this is held" });
   button.dataset.axis = axis;
   button.dataset.direction = direction;
   button.setAttribute("aria-label", `hold to jog ${axis} ${direction < 0 ? "−" : "+"}`);

@@ -7,7 +7,8 @@ const LIGHT = ["#0b62c4", "#c4161c", "#17803d", "#a15c00", "#7b3fb5", "#0f8a8a",
 const DARK = ["#6aaeff", "#ff7b7f", "#57c785", "#f0b350", "#c39bf0", "#5fd3d3", "#f28fc0", "#aab3be"];
 const KEPT_SECONDS = 30;
 const LEAST_HEIGHT = 140;
-const AXIS_WIDTH = 64;
+/** Of a scale; on a phone the unit is in the table alone. */
+const [AXIS_WIDTH, NARROW_AXIS_WIDTH, NARROW] = [64, 46, 500];
 
 /** The colour of the signal at this place, in the theme that holds now. */
 export function seriesColour(place) {
@@ -49,10 +50,12 @@ export class Scope {
     addEventListener("themechange", () => this.plot?.redraw());
   }
 
-  /** Shows these signals, from now on. */
+  /** Shows these signals from now on, and what is known of those that were shown before. */
   show(signals) {
+    const [times, ...before] = this.columns;
+    const known = new Map(this.signals.map((signal, place) => [signal, before[place]]));
+    this.columns = [times, ...signals.map((signal) => known.get(signal) ?? times.map(() => null))];
     this.signals = signals;
-    this.columns = [[], ...signals.map(() => [])];
     this.units = signals.map(() => "");
     this.lost = 0;
     this.frozen = null;
@@ -86,8 +89,9 @@ export class Scope {
     const series = this.signals.map((signal, place) => ({
       label: signal, scale: `unit ${units[place]}`, stroke: () => seriesColour(place), width: 1.5,
     }));
+    const width = this.place.clientWidth < NARROW ? { size: NARROW_AXIS_WIDTH } : { size: AXIS_WIDTH, labelSize: 18 };
     const axes = kinds.map((unit, place) => themed.axis({
-      scale: `unit ${unit}`, side: place % 2 ? 1 : 3, label: unit, labelSize: 18, size: AXIS_WIDTH, ...(place ? { grid: { show: false } } : {}),
+      ...width, scale: `unit ${unit}`, side: place % 2 ? 1 : 3, ...(width.labelSize ? { label: unit } : {}), ...(place ? { grid: { show: false } } : {}),
     }));
     this.plot = new uPlot({
       ...this.size(),

@@ -146,25 +146,31 @@ fn signals_are_chosen_and_a_wrong_name_is_refused(browser: &Browser) -> Result<(
         "the list is what fits",
         "return document.querySelectorAll('#signal-list li').length === 1",
     )?;
+    let count = "return scope.columns[0].length";
+    let before = browser.with("signals.js", "scope", count)?;
     browser.click("#signal-list input")?;
     browser.wait(
         "what was chosen is shown",
         "return Boolean(document.querySelector('#values tr[data-signal=\"x.following_error\"] .now')?.textContent)",
     )?;
-    let count = "return scope.columns[0].length";
-    let before = browser.with("signals.js", "scope", count)?;
+    let kept = browser.with("signals.js", "scope", count)?;
+    expect(
+        kept.as_u64() >= before.as_u64(),
+        "what was seen before is gone",
+        &kept,
+    )?;
     browser.fill("#signal", "x.positon")?;
     browser.type_into("#signal", "\u{E007}")?;
     browser.wait(
         "the reason is told",
         "return document.querySelector('#signal-error').textContent.includes('positon')",
     )?;
-    let before = before.as_u64().unwrap_or_default();
+    let kept = kept.as_u64().unwrap_or_default();
     browser.wait_with(
         "the stream goes on",
         "signals.js",
         "scope",
-        &format!("return scope.signals.length === 3 && scope.columns[0].length > {before} + 100"),
+        &format!("return scope.signals.length === 3 && scope.columns[0].length > {kept} + 100"),
     )?;
     browser.fill("#signal", "6077h@0")?;
     browser.click("#add-signal")?;
@@ -377,6 +383,9 @@ fn a_lost_drive_is_recovered(browser: &Browser, machine: &Machine, pictures: &Pa
     )?;
     browser.run("scrollTo(0, 0)")?;
     browser.picture(&pictures.join("lost.png"))?;
+    browser.theme("dark")?;
+    browser.picture(&pictures.join("lost-dark.png"))?;
+    browser.theme("light")?;
     browser.click(".card[data-axis=x] .recover")?;
     browser.wait(
         "the drive is back",
@@ -460,6 +469,13 @@ fn the_theme_changes_without_a_reload(browser: &Browser, pictures: &Path) -> Res
     browser.wait(
         "the page is dark, and the same",
         "return window.isTheSame === true && getComputedStyle(document.body).backgroundColor === 'rgb(17, 20, 24)'",
+    )?;
+    browser.fill(".card[data-axis=x] input[aria-label='target of x']", "40")?;
+    browser.click(".card[data-axis=x] .go")?;
+    browser.run("scrollTo(0, 0)")?;
+    browser.wait(
+        "x is on its way",
+        "return Number(document.querySelector('.card[data-axis=x] .bar').getAttribute('aria-valuenow')) > 40",
     )?;
     browser.picture(&pictures.join("panel-dark.png"))?;
     // By its button: as the computer has it, light, dark.

@@ -3,6 +3,7 @@
 use crate::{bundle, panel, python};
 use std::{
     env, fs,
+    io::Write,
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
     sync::{
