@@ -202,7 +202,7 @@ mod tests {
         assert_eq!(all[2]["outcome"], "given up");
         assert_eq!(all[1]["client"], "user 7");
         for number in 0..KEPT {
-            journal.begin(&client(), &number).done("so");
+            journal.begin(&client(), &number.to_string()).done("so");
         }
         // What is no longer kept may end all the same.
         early.done("at its target");
