@@ -26,6 +26,7 @@ use tokio::{
 
 use crate::{
     grants::GrantedAxis,
+    journal::Begun,
     refusal::Refusal,
     requests::{stop_all, stop_axis},
     server::Client,
@@ -219,6 +220,9 @@ impl Jogs {
         self.shown
             .log
             .warn(format_args!("axis {axis} is jogged by {}", self.client));
+        let unit = self.shown.unit_of(&axis);
+        let what = format!("jog {axis} with {velocity} {unit}/s");
+        let begun = self.shown.journal.begin(&self.client, &what);
         tokio::spawn(jog(
             axis.clone(),
             granted.clone(),
@@ -226,6 +230,7 @@ impl Jogs {
             self.answers.clone(),
             self.shown.clone(),
             self.client.clone(),
+            begun,
         ));
         self.held.insert(axis, sender);
         Ok(())
@@ -240,11 +245,16 @@ async fn jog(
     answers: mpsc::Sender<Value>,
     shown: Shown,
     client: Client,
+    begun: Begun,
 ) {
     let ended = match held(&shown, &name, &granted, latest, &answers).await {
-        Ok(()) => json!({"jog": {"axis": name, "state": "released"}}),
+        Ok(()) => {
+            begun.done("released");
+            json!({"jog": {"axis": name, "state": "released"}})
+        }
         Err(error) => {
             let refusal = shown.refusal_of(&error, &client);
+            begun.failed(&refusal.text);
             json!({"jog": {"axis": name, "state": "ended", "code": refusal.code, "text": refusal.text}})
         }
     };

@@ -22,14 +22,14 @@ pub enum Grant {
     /// They may write objects by SDO: not those of the process data, and not those that the library itself writes or relies on. Torque
     /// limits (6072h, 60E0h, 60E1h), digital outputs (60FEh) and the maker's objects may be written.
     Parameters,
-    /// They may enable and disable these axes, reset their faults, and jog them for as long as somebody holds the jog.
+    /// They may enable and disable these axes, reset their faults, bring a drive back into OP of which all axes are granted, and jog them for as long as somebody holds the jog.
     Jog {
         /// The names of the axes.
         axes: Vec<String>,
         /// No faster than this, in the axis' unit per second.
         max_velocity: f64,
     },
-    /// They may enable and disable these axes, reset their faults, home them, and move them to positions. It bounds no velocity: a move has
+    /// They may enable and disable these axes, reset their faults, bring a drive back into OP of which all axes are granted, home them, and move them to positions. It bounds no velocity: a move has
     /// the one that the client names, within 607Fh or the program's [`Limits`](servocrab::profile_position::Limits). A homing has the speeds
     /// that the drive holds.
     Motion {

@@ -33,6 +33,8 @@ mod control;
 mod forward;
 mod gate;
 mod grants;
+mod journal;
+mod line;
 mod log;
 mod metrics;
 mod objects;

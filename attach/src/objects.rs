@@ -30,6 +30,8 @@ use crate::{
 
 /// Bytes of an object that is written.
 const OBJECT: usize = 4096;
+/// Of these, what the log of commands shows.
+const SHOWN: usize = 16;
 /// The longest time for a reply of a drive that a client may ask for.
 const LONGEST: Duration = Duration::from_secs(60);
 
@@ -234,7 +236,10 @@ pub(crate) async fn dictionary(
     if let Some(known) = known() {
         return Ok(Json(known));
     }
-    let listed = listed(sdo).await.map_err(|error| sdo_refusal(&error))?;
+    let is_owned =
+        |object: ObjectAddress| is_owned(object) || is_mapped(&shown, sdo.drive(), object);
+    let listed = listed(sdo, is_owned).await;
+    let listed = listed.map_err(|error| sdo_refusal(&error))?;
     let mut all = shown
         .dictionaries
         .lock()
@@ -243,7 +248,11 @@ pub(crate) async fn dictionary(
     Ok(Json(listed))
 }
 
-async fn listed(sdo: &SdoHandle) -> Result<Value, DriveError> {
+/// With those that clients never write.
+async fn listed(
+    sdo: &SdoHandle,
+    is_owned: impl Fn(ObjectAddress) -> bool,
+) -> Result<Value, DriveError> {
     let dictionary = match sdo.dictionary().await {
         Ok(dictionary) => dictionary,
         Err(error) if matches!(error.error, SdoError::NotSupported { .. }) => {
@@ -260,6 +269,7 @@ async fn listed(sdo: &SdoHandle) -> Result<Value, DriveError> {
                         "type": TypeCode::from(object.data_type).to_string(),
                         "bits": object.bits(),
                         "access": if object.writable { "rw" } else { "ro" },
+                        "owned": is_owned(address),
                     })
                 })
                 .collect());
@@ -275,6 +285,7 @@ async fn listed(sdo: &SdoHandle) -> Result<Value, DriveError> {
                 "type": entry.data_type.to_string(),
                 "bits": entry.bits,
                 "access": entry.access.to_string(),
+                "owned": is_owned(entry.address),
             })
         })
     });
@@ -338,6 +349,13 @@ pub(crate) async fn write(
     shown.log.warn(format_args!(
         "{object} of {drive} is written by {client}: {bytes:02X?}"
     ));
+    let shown_bytes = bytes.get(..SHOWN).unwrap_or(&bytes);
+    let more = if bytes.len() > SHOWN { " …" } else { "" };
+    let what = format!(
+        "write {object} of drive {} to {shown_bytes:02X?}{more}",
+        drive.position
+    );
+    let begun = shown.journal.begin(&client, &what);
     let written = match how.complete {
         true => {
             sdo.write_complete(object.index, object.subindex, bytes)
@@ -346,8 +364,15 @@ pub(crate) async fn write(
         false => sdo.write_bytes(object.index, object.subindex, bytes).await,
     };
     match written {
-        Ok(()) => Ok(Json(json!({"written": true}))),
-        Err(error) => Err(sdo_refusal(&error)),
+        Ok(()) => {
+            begun.done("written");
+            Ok(Json(json!({"written": true})))
+        }
+        Err(error) => {
+            let refusal = sdo_refusal(&error);
+            begun.failed(&refusal.text);
+            Err(refusal)
+        }
     }
 }
 

@@ -11,17 +11,40 @@ const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
-const PARTS: [(&str, &str, &str); 6] = [
+/// A file of the page, by its name.
+macro_rules! part {
+    ($name:literal, $kind:expr) => {
+        (
+            concat!("/", $name),
+            $kind,
+            include_str!(concat!("page/", $name)),
+        )
+    };
+}
+
+const PARTS: [(&str, &str, &str); 22] = [
     ("/", HTML, include_str!("page/index.html")),
-    ("/panel.css", CSS, include_str!("page/panel.css")),
-    ("/panel.js", SCRIPT, include_str!("page/panel.js")),
-    ("/scope.js", SCRIPT, include_str!("page/scope.js")),
-    ("/uPlot.min.css", CSS, include_str!("page/uPlot.min.css")),
-    (
-        "/uPlot.iife.min.js",
-        SCRIPT,
-        include_str!("page/uPlot.iife.min.js"),
-    ),
+    part!("panel.css", CSS),
+    part!("theme.js", SCRIPT),
+    part!("panel.js", SCRIPT),
+    part!("connection.js", SCRIPT),
+    part!("control.js", SCRIPT),
+    part!("dom.js", SCRIPT),
+    part!("words.js", SCRIPT),
+    part!("goals.js", SCRIPT),
+    part!("cards.js", SCRIPT),
+    part!("scope.js", SCRIPT),
+    part!("cursors.js", SCRIPT),
+    part!("signals.js", SCRIPT),
+    part!("devices.js", SCRIPT),
+    part!("values.js", SCRIPT),
+    part!("objects.js", SCRIPT),
+    part!("compare.js", SCRIPT),
+    part!("log.js", SCRIPT),
+    part!("blackbox.js", SCRIPT),
+    part!("cycles.js", SCRIPT),
+    part!("uPlot.min.css", CSS),
+    part!("uPlot.iife.min.js", SCRIPT),
 ];
 
 /// Nothing from elsewhere, and shown in no other page.

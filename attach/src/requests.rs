@@ -22,7 +22,7 @@ use servocrab::{
 use crate::{
     commands, control,
     forward::START,
-    metrics, objects,
+    line, metrics, objects,
     refusal::Refusal,
     server::{Client, Place},
     shown::Shown,
@@ -37,14 +37,17 @@ const MESSAGE: usize = 4096;
 /// `start` names this start of the server.
 pub(crate) fn router(shown: Shown, start: HeaderValue) -> Router {
     Router::new()
-        .route("/v1/line", get(line))
-        .route("/v1/axes", get(axes))
+        .route("/v1/line", get(line::line))
+        .route("/v1/devices", get(line::devices))
+        .route("/v1/axes", get(line::axes))
+        .route("/v1/signals", get(line::signals))
         .route("/v1/statistics", get(statistics))
         .route("/metrics", get(metrics))
-        .route("/v1/ios", get(ios))
+        .route("/v1/ios", get(line::ios))
         .route("/v1/grants", get(grants))
         .route("/v1/events", get(events))
         .route("/v1/emergencies", get(emergencies))
+        .route("/v1/commands", get(commands))
         .route("/v1/events/{number}/black_box", get(black_box))
         .route("/v1/od/{drive}", get(objects::dictionary))
         .route("/v1/od/{drive}/information", get(objects::information))
@@ -55,7 +58,9 @@ pub(crate) fn router(shown: Shown, start: HeaderValue) -> Router {
         .route("/v1/stream", get(stream))
         .route("/v1/control", get(control))
         .route("/v1/axes/{name}/limits", get(objects::limits))
+        .route("/v1/enable", post(commands::enable_all))
         .route("/v1/axes/{name}/enable", post(commands::enable))
+        .route("/v1/axes/{name}/recover", post(commands::recover))
         .route("/v1/axes/{name}/disable", post(commands::disable))
         .route("/v1/axes/{name}/reset_fault", post(commands::reset_fault))
         .route("/v1/axes/{name}/move", post(commands::move_axis))
@@ -77,9 +82,9 @@ pub(crate) fn router(shown: Shown, start: HeaderValue) -> Router {
         .with_state(shown)
 }
 
-const NO_REQUEST: &str = "there is no such request: /v1/line, /v1/axes, /v1/ios, /v1/statistics, /v1/grants, /v1/events, /v1/emergencies, \
-                          /v1/events/NUMBER/black_box, /v1/od/DRIVE, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/od/DRIVE/information, /v1/stream, /v1/control, /metrics; by POST \
-                          /v1/axes/NAME/stop, enable, disable, reset_fault, move and home, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/quick_stop";
+const NO_REQUEST: &str = "there is no such request: /v1/line, /v1/devices, /v1/axes, /v1/ios, /v1/signals, /v1/statistics, /v1/grants, \
+                          /v1/events, /v1/emergencies, /v1/commands, /v1/events/NUMBER/black_box, /v1/od/DRIVE, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/od/DRIVE/information, /v1/stream, /v1/control, /metrics; by POST \
+                          /v1/axes/NAME/stop, enable, disable, reset_fault, recover, move and home, /v1/enable, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/quick_stop";
 
 /// A refusal that was made before a request was understood, as all others are.
 async fn in_json(response: Response) -> Response {
@@ -108,54 +113,6 @@ async fn of_this_start(State(start): State<HeaderValue>, request: Request, next:
     let mut response = next.run(request).await;
     response.headers_mut().insert(START, start);
     response
-}
-
-async fn line(State(shown): State<Shown>) -> Json<Value> {
-    let drives = shown.view.drives().map(|sdo| {
-        let drive = sdo.drive();
-        json!({
-            "position": drive.position,
-            "name": drive.name,
-            "vendor": drive.identity.vendor,
-            "product": drive.identity.product,
-            "revision": drive.identity.revision,
-            "serial": drive.identity.serial,
-        })
-    });
-    Json(json!({"drives": drives.collect::<Vec<_>>()}))
-}
-
-async fn axes(State(shown): State<Shown>) -> Json<Value> {
-    let axes = shown.view.axes().into_iter().map(|axis| {
-        let snapshot = axis.snapshot;
-        json!({
-            "name": axis.identity.axis,
-            "drive": axis.identity.drive.position,
-            "unit": axis.unit,
-            "count": (axis.scale.position_of(1) - axis.scale.position_of(0)).abs(),
-            "position": axis.position,
-            "velocity": axis.velocity,
-            "following_error": axis.following_error,
-            "torque": axis.torque,
-            "state": snapshot.state.to_string(),
-            "statusword": {
-                "value": snapshot.statusword.bits(),
-                "text": snapshot.statusword.to_string(),
-                "bits": snapshot.statusword.iter_names().map(|(name, _)| name).collect::<Vec<_>>(),
-            },
-            "controlword": snapshot.controlword.bits(),
-            "controlword_bits": snapshot.controlword.iter_names().map(|(name, _)| name).collect::<Vec<_>>(),
-            "mode": snapshot.mode.to_string(),
-            "answered": snapshot.answered,
-            "lost": snapshot.lost,
-            "age": snapshot.age,
-            "cycle": snapshot.cycle,
-            "halted": snapshot.halted,
-            "has_set_point": snapshot.has_set_point,
-            "referenced": snapshot.referenced,
-        })
-    });
-    Json(axes.collect())
 }
 
 async fn statistics(State(shown): State<Shown>) -> Json<Value> {
@@ -240,24 +197,8 @@ fn durations(times: &Durations) -> Value {
     })
 }
 
-async fn ios(State(shown): State<Shown>) -> Json<Value> {
-    let ios = shown.view.ios().iter().map(|io| {
-        let points = io.points().iter().map(|point| {
-            json!({
-                "name": point.name,
-                "index": point.object.index,
-                "subindex": point.object.subindex,
-                "bits": point.place.bits,
-                "signal": Signal::point(io.name(), &point.object.to_string()).to_string(),
-            })
-        });
-        json!({
-            "name": io.name(),
-            "position": io.device().position,
-            "points": points.collect::<Vec<_>>(),
-        })
-    });
-    Json(ios.collect())
+async fn commands(State(shown): State<Shown>) -> Json<Value> {
+    Json(shown.journal.json())
 }
 
 async fn grants(State(shown): State<Shown>) -> Json<Value> {
@@ -448,6 +389,7 @@ async fn quick_stop(State(shown): State<Shown>, Extension(client): Extension<Cli
 pub(crate) fn stop_axis(shown: &Shown, client: &Client, name: &str) -> Result<(), Refusal> {
     let stopped = shown.view.stop_axis(name, StopRequest::STOP);
     stopped.map_err(|error| Refusal::new(StatusCode::NOT_FOUND, "no_axis", error.to_string()))?;
+    shown.journal.stop(client, &format!("stop {name}"));
     shown
         .log
         .warn(format_args!("axis {name} is stopped by {client}"));
@@ -457,6 +399,7 @@ pub(crate) fn stop_axis(shown: &Shown, client: &Client, name: &str) -> Result<()
 /// Stops all axes by quick stop, by request of a client.
 pub(crate) fn stop_all(shown: &Shown, client: &Client) {
     shown.view.stop_all(StopRequest::QUICK_STOP);
+    shown.journal.stop(client, "quick stop of all axes");
     shown
         .log
         .warn(format_args!("all axes are stopped by {client}"));

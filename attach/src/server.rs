@@ -35,6 +35,7 @@ use crate::{
     Attach, AttachError,
     gate::{self, Gate, Token},
     grants::{AskedFor, Granted},
+    journal::Journal,
     log::{Log, Subscriber, unlogged},
     ordinary::{OrdinaryThread, ThreadEnd},
     page, requests,
@@ -161,6 +162,7 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
         streams: Arc::default(),
         dictionaries: Arc::default(),
         led: Arc::default(),
+        journal: Journal::default(),
         log: log.clone(),
     };
     let router = requests::router(shown, this_start.value());

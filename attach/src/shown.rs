@@ -21,6 +21,7 @@ use tokio::{
 
 use crate::{
     grants::{AskedFor, Asks, Granted},
+    journal::Journal,
     log::Log,
     refusal::Refusal,
     server::Client,
@@ -45,6 +46,8 @@ pub(crate) struct Shown {
     pub dictionaries: Arc<Mutex<HashMap<u16, Value>>>,
     /// How many of the clients' tasks have the mode of each axis.
     pub led: Arc<Mutex<HashMap<String, usize>>>,
+    /// What clients have commanded.
+    pub journal: Journal,
     pub log: Log,
 }
 
@@ -78,6 +81,13 @@ impl Shown {
     fn is_led(&self, axis: &str) -> bool {
         let all = self.led.lock().unwrap_or_else(PoisonError::into_inner);
         all.get(axis).is_some_and(|tasks| *tasks > 0)
+    }
+
+    /// The unit in which an axis was declared; nothing for one that is not.
+    pub fn unit_of(&self, name: &str) -> &'static str {
+        let axes = self.view.axes();
+        let axis = axes.iter().find(|axis| *axis.identity.axis == *name);
+        axis.map_or("", |axis| axis.unit)
     }
 
     /// The turn of one transfer.

@@ -15,6 +15,7 @@ use servocrab::{
     bus::Signal,
     coe::{AbortCode, SdoError, obj},
     drives,
+    ds402::State,
     link::Wire,
     units::{Mm, Ratio, Scale},
 };
@@ -357,6 +358,8 @@ fn nothing_is_written_moved_or_enabled_without_a_grant_of_just_that() {
         ("POST /v1/axes/x/enable", ""),
         ("POST /v1/axes/x/disable", ""),
         ("POST /v1/axes/x/reset_fault", ""),
+        ("POST /v1/axes/x/recover", ""),
+        ("POST /v1/enable", ""),
         ("POST /v1/axes/x/move", r#"{"to":1,"velocity":1}"#),
         ("POST /v1/axes/x/home", r#"{"method":37,"within":1}"#),
     ] {
@@ -377,6 +380,14 @@ fn nothing_is_written_moved_or_enabled_without_a_grant_of_just_that() {
     let to = r#"{"to":1,"velocity":1}"#;
     assert_eq!(ask(&attached, "POST /v1/axes/x/move", to).0, 403);
     assert_eq!(ask(&attached, "POST /v1/axes/y/enable", "").0, 403);
+    // By its recovery `y` would begin again.
+    let (status, answer) = ask(&attached, "POST /v1/axes/x/recover", "");
+    assert_eq!((status, code(&answer)), (403, "not_granted"));
+    assert!(answer.to_string().contains("`y`"), "{answer}");
+    // All axes are those that are granted.
+    assert_eq!(ask(&attached, "POST /v1/enable", "").0, 200);
+    let states: Vec<_> = net.axes().map(|axis| axis.status().state).collect();
+    assert_eq!(states, [State::OperationEnabled, State::SwitchOnDisabled]);
     assert_eq!(ask(&attached, "POST /v1/axes/x/enable", "").0, 200);
     let mut socket = websocket(&attached, "/v1/control");
     for (axis, velocity, refused) in [
@@ -465,6 +476,119 @@ fn an_axis_is_moved_to_a_position_in_its_unit_and_the_outcome_is_the_answer() {
         .0,
         200
     );
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+#[test]
+fn a_move_has_the_ramps_that_are_asked_for() {
+    let (net, _segment) = machine();
+    let (_runtime, attached) = shown(&net, &[motion()]);
+    enabled(&net);
+    let by = r#"{"by":1,"velocity":50,"acceleration":400,"deceleration":300}"#;
+    let (status, answer) = ask(&attached, "POST /v1/axes/x/move", by);
+    assert_eq!(status, 200, "{answer}");
+    let sdo = net.sdo(0).unwrap();
+    let held = smol::block_on(async {
+        let acceleration = sdo.read(obj::PROFILE_ACCELERATION).await;
+        (acceleration, sdo.read(obj::PROFILE_DECELERATION).await)
+    });
+    assert_eq!(held, (Ok(400_000), Ok(300_000)));
+    let wrong = r#"{"by":1,"velocity":50,"acceleration":-400}"#;
+    let (status, answer) = ask(&attached, "POST /v1/axes/x/move", wrong);
+    assert_eq!((status, code(&answer)), (422, "acceleration"));
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+/// Waits until what is shown of `x` is so.
+fn until_x(attached: &Attached, is_so: impl Fn(&Value) -> bool) -> Value {
+    let started = Instant::now();
+    loop {
+        let x = ask(attached, "GET /v1/axes", "").1[0].take();
+        if is_so(&x) {
+            return x;
+        }
+        assert!(started.elapsed() < TIME, "{x}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn a_drive_that_has_left_op_is_named_and_brought_back_where_all_its_axes_are_granted() {
+    let (net, segment) = machine();
+    let both = Grant::Motion {
+        axes: vec!["x".into(), "y".into()],
+    };
+    let (_runtime, attached) = shown(&net, &[both]);
+    assert_eq!(
+        ask(&attached, "GET /v1/axes", "").1[0]["trouble"],
+        Value::Null
+    );
+    let fall = |segment: &Mutex<Segment>| {
+        let mut segment = segment.lock().unwrap();
+        segment.device_mut(0).unwrap().fall_to_safe_op(0x001B);
+    };
+    fall(&segment);
+    let x = until_x(&attached, |x| x["trouble"]["kind"] == "lost");
+    let text = x["trouble"]["text"].as_str().unwrap();
+    assert!(text.contains("SAFEOP"), "{text}");
+    let devices = ask(&attached, "GET /v1/devices", "").1;
+    assert_eq!(devices[0]["state"], "SAFEOP");
+    assert_eq!(devices[0]["error"], 0x001B);
+    let (status, answer) = ask(&attached, "POST /v1/axes/x/recover", "");
+    assert_eq!((status, &answer["done"]), (200, &true.into()), "{answer}");
+    until_x(&attached, |x| x["trouble"]["kind"] != "lost");
+    assert_eq!(ask(&attached, "GET /v1/devices", "").1[0]["state"], "OP");
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+#[test]
+fn what_was_commanded_is_listed_with_who_and_how_it_ended() {
+    let (net, _segment) = machine();
+    let (_runtime, attached) = shown(&net, &[jog(), motion(), Grant::Parameters]);
+    assert_eq!(ask(&attached, "GET /v1/commands", "").1, json!([]));
+    // The end of the program's last handle would stop the axis.
+    let _kept = net.axis("x").unwrap();
+    for (request, body) in [
+        ("POST /v1/axes/x/enable", ""),
+        ("POST /v1/axes/x/move", r#"{"by":1,"velocity":50}"#),
+        ("POST /v1/od/0/6066h/0", r#"{"bytes":[232,3]}"#),
+        ("POST /v1/od/0/2FFFh/0", r#"{"bytes":[1]}"#),
+        ("POST /v1/axes/x/stop", ""),
+        ("POST /v1/axes/x/stop", ""),
+        // What is not granted was not commanded.
+        ("POST /v1/axes/y/enable", ""),
+    ] {
+        ask(&attached, request, body);
+    }
+    let mut socket = websocket(&attached, "/v1/control");
+    assert_eq!(ask(&attached, "POST /v1/axes/x/enable", "").0, 200);
+    begun(&net, &mut socket, 10.0);
+    let release = json!({"release": {"axis": "x"}}).to_string();
+    socket.send(Message::text(release)).unwrap();
+    let end = answered(&mut socket);
+    assert_eq!(end["jog"]["state"], "released", "{end}");
+    let all = ask(&attached, "GET /v1/commands", "").1;
+    let shown: Vec<_> = (all.as_array().unwrap().iter())
+        .map(|command| (command["what"].as_str().unwrap(), command["done"] == true))
+        .collect();
+    assert_eq!(
+        shown,
+        [
+            ("enable x", true),
+            ("move x by 1 mm with 50 mm/s", true),
+            ("write 6066h:00 of drive 0 to [E8, 03]", true),
+            ("write 2FFFh:00 of drive 0 to [01]", false),
+            ("stop x", true),
+            ("enable x", true),
+            ("jog x with 10 mm/s", true),
+        ]
+    );
+    assert_eq!(all[4]["times"], 2);
+    let own = format!("process {}", std::process::id());
+    let client = all[1]["client"].as_str().unwrap();
+    assert!(client.contains(&own), "{client}");
+    assert!(all[1]["at"].as_f64().unwrap() > 1.6e9);
+    assert!(all[1]["outcome"].as_str().unwrap().starts_with("reached"));
     smol::block_on(net.shutdown()).unwrap();
 }
 

@@ -390,6 +390,48 @@ fn the_line_the_statistics_and_objects_are_read_and_errors_are_json() {
 }
 
 #[test]
+fn the_devices_and_the_signals_are_listed_and_a_wrong_name_is_refused_with_the_reason() {
+    let net = machine();
+    let (_runtime, attached) = shown(&net, |attach| attach);
+    let socket = attached.socket();
+    let (status, devices) = ask(socket, "GET /v1/devices");
+    assert_eq!(status, 200, "{devices}");
+    assert_eq!(devices.as_array().unwrap().len(), 1);
+    let device = &devices[0];
+    assert_eq!(
+        (&device["kind"], &device["state"]),
+        (&json!("drive"), &json!("OP"))
+    );
+    assert_eq!(device["ports"].as_array().unwrap().len(), 4);
+    assert_eq!(device["ports"][0]["invalid_frames"], 0);
+    let (_, signals) = ask(socket, "GET /v1/signals");
+    let unit = |name: &str| {
+        let mut signals = signals.as_array().unwrap().iter();
+        signals
+            .find(|known| known["signal"] == name)
+            .map(|known| known["unit"].as_str().unwrap())
+    };
+    assert_eq!(unit("x.position"), Some("mm"));
+    assert_eq!(unit("y.velocity"), Some("counts/s"));
+    assert_eq!(unit("x.state"), Some(""));
+    assert_eq!(unit("lateness"), Some("µs"));
+    assert_eq!(unit("y.torque"), None, "it is not mapped");
+    let (status, one) = ask(socket, "GET /v1/signals?name=6077h@0");
+    assert_eq!((status, &one[0]["signal"]), (200, &json!("6077h:00@0")));
+    for (name, reason) in [
+        ("x.positon", "it has state, controlword"),
+        ("z.position", "no axis is named `z`"),
+        ("y.torque", "is not in the process data"),
+        ("x", "is not understood"),
+    ] {
+        let (status, refused) = ask(socket, &format!("GET /v1/signals?name={name}"));
+        let text = refused["error"]["text"].as_str().unwrap();
+        assert!(status == 400 && text.contains(reason), "{name}: {text}");
+    }
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+#[test]
 fn half_requests_are_closed_and_a_thousand_sockets_leave_room_for_others() {
     let net = machine();
     let patience = Duration::from_millis(500);

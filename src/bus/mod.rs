@@ -59,6 +59,6 @@ pub use recorder::{
 };
 pub use requests::sync_managers::{WatchdogError, arm_watchdog};
 pub use requests::{BusLoop, WaitStrategy};
-pub use watch::{DevicePorts, PortErrors};
+pub use watch::{DevicePorts, PortErrors, SeenDevice};
 
 pub use crate::wakes::WakeStatistics;

@@ -6,13 +6,13 @@ use std::time::Duration;
 use clap::Args;
 use servocrab::{
     AxisConfig, DriveConfig,
-    bus::{LineDevice, NetworkBuilder},
+    bus::{Expected, IoConfig, LineDevice, NetworkBuilder},
     coe::{AxisOffset, DriveId, obj},
 };
 
 use crate::{
     line::LineArguments,
-    machine::{Axis, Machine, Units},
+    machine::{Axis, Machine, Units, init::points_of},
     output::{Failure, Tool},
     report::description_of,
 };
@@ -36,6 +36,10 @@ pub(crate) struct DrivesArguments {
 /// All drives of a line, each with all its axes.
 pub(crate) struct Drives {
     drives: Vec<(u16, DriveConfig)>,
+    /// The other devices that have process data, where no file says what they are.
+    ios: Vec<(u16, IoConfig)>,
+    /// Whether these are wanted too.
+    are_ios_wanted: bool,
     machine: Option<Machine>,
     pub(crate) axes: Vec<FoundAxis>,
 }
@@ -78,6 +82,8 @@ impl DrivesArguments {
         if let Some(time) = self.watchdog_ms {
             network = network.watchdog(Duration::from_millis(time));
         }
+        let ios = drives.ios.into_iter().filter(|_| drives.are_ios_wanted);
+        let network = ios.fold(network, |network, (position, io)| network.io(position, io));
         let drives = drives.drives.into_iter();
         Ok(drives.fold(network, |network, (position, drive)| {
             network.drive(position, drive)
@@ -91,7 +97,7 @@ impl Drives {
         line: &[LineDevice],
         config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
     ) -> Result<Self, Failure> {
-        let (mut drives, mut axes) = (Vec::new(), Vec::new());
+        let (mut drives, mut ios, mut axes) = (Vec::new(), Vec::new(), Vec::new());
         for device in line {
             let position = device.id.position;
             let (mut drive, named) = match &machine {
@@ -108,7 +114,10 @@ impl Drives {
                         let named = named.collect();
                         (DriveConfig::new(description), named)
                     }
-                    None => continue,
+                    None => {
+                        ios.extend(io(device).map(|io| (position, io)));
+                        continue;
+                    }
                 },
             };
             let Some(sdo) = &device.sdo else { continue };
@@ -131,9 +140,17 @@ impl Drives {
         }
         Ok(Self {
             drives,
+            ios,
+            are_ios_wanted: false,
             machine,
             axes,
         })
+    }
+
+    /// With the inputs and outputs of the devices that are no drives.
+    pub(crate) const fn with_ios(mut self) -> Self {
+        self.are_ios_wanted = true;
+        self
     }
 
     /// The other drives stay as they are, unless a file says that they belong to the machine.
@@ -163,6 +180,20 @@ impl Drives {
             }),
         }
     }
+}
+
+/// A device that is no drive, by what it exchanges by default; none where that is nothing.
+fn io(device: &LineDevice) -> Option<IoConfig> {
+    if points_of(device.sii.as_ref()?).is_empty() {
+        return None;
+    }
+    let DriveId {
+        position,
+        name,
+        identity,
+    } = &device.id;
+    let expected = Expected::new(identity.vendor, identity.product).named(name.clone());
+    Some(IoConfig::new(&format!("io {position}"), expected))
 }
 
 /// How an axis is called that no file names.

@@ -22,6 +22,9 @@ pub(crate) struct Arguments {
     /// The greatest velocity of a jog, in the axis' unit a second
     #[arg(long, default_value_t = 100_000.0)]
     max_velocity: f64,
+    /// Leave the devices that are no drives as they are: their inputs and outputs are not shown
+    #[arg(long)]
+    drives_only: bool,
     /// Show only: nothing is written or moved
     #[arg(long)]
     read_only: bool,
@@ -39,7 +42,10 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         tool.interrupted().await;
         return Ok(true);
     }
-    let found = all_drives(tool, &arguments.drives).await?;
+    let mut found = all_drives(tool, &arguments.drives).await?;
+    if !arguments.drives_only {
+        found = found.with_ios();
+    }
     let axes = |is: fn(&FoundAxis) -> bool| {
         let axes = found.axes.iter().filter(|axis| is(axis));
         axes.map(|axis| axis.name.clone()).collect()

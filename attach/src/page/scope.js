@@ -1,35 +1,41 @@
-"use strict";
-// The scope: streams of every cycle, kept in columns, drawn by uPlot.
+// The scope: a stream of every cycle, kept in columns, drawn by uPlot.
 
-const COLOURS = ["#0b62c4", "#c4161c", "#17803d", "#a15c00", "#7b3fb5", "#0f8a8a", "#b5367a", "#6b7280"];
+import { decodeBlock, openSocket, streamPath } from "./connection.js";
+import { colour } from "./dom.js";
+
+const LIGHT = ["#0b62c4", "#c4161c", "#17803d", "#a15c00", "#7b3fb5", "#0f8a8a", "#b5367a", "#6b7280"];
+const DARK = ["#6aaeff", "#ff7b7f", "#57c785", "#f0b350", "#c39bf0", "#5fd3d3", "#f28fc0", "#aab3be"];
 const KEPT_SECONDS = 30;
+const LEAST_HEIGHT = 140;
+/** Of a scale; on a phone the unit is in the table alone. */
+const [AXIS_WIDTH, NARROW_AXIS_WIDTH, NARROW] = [64, 46, 500];
 
-/** One block of a stream: see src/streams.rs. */
-function decodeBlock(buffer) {
-  const view = new DataView(buffer);
-  const block = { lost: Number(view.getBigUint64(0, true)), cycles: [] };
-  const count = view.getUint32(8, true);
-  const signals = view.getUint32(12, true);
-  let at = 16;
-  for (let cycle = 0; cycle < count; cycle += 1) {
-    const number = Number(view.getBigUint64(at, true));
-    const time = Number(view.getBigUint64(at + 8, true)) / 1e9;
-    const values = [];
-    for (let signal = 0; signal < signals; signal += 1) {
-      const value = view.getFloat64(at + 16 + 8 * signal, true);
-      values.push(Number.isNaN(value) ? null : value);
-    }
-    block.cycles.push({ number, time, values });
-    at += 16 + 8 * signals;
-  }
-  return block;
+/** The colour of the signal at this place, in the theme that holds now. */
+export function seriesColour(place) {
+  const colours = document.documentElement.dataset.theme === "dark" ? DARK : LIGHT;
+  return colours[place % colours.length];
 }
 
-class Scope {
-  constructor(place, open, state) {
-    this.place = place;
-    this.open = open;
-    this.state = state;
+/** From the least to the greatest value with some room, but never less than the span: noise stays as small as it is. */
+export function rangeOf(least, most, span) {
+  const [low, high] = least === null || most === null ? [0, 0] : [least, most];
+  if (high - low >= span) {
+    const room = 0.06 * (high - low);
+    return [low - room, high + room];
+  }
+  // In steps, so that the scale does not tremble with the noise.
+  const middle = Math.round((low + high) / 2 / (span / 4)) * (span / 4);
+  return [middle - 0.75 * span, middle + 0.75 * span];
+}
+
+export const themed = {
+  axis: (more) => ({ stroke: () => colour("quiet"), grid: { stroke: () => colour("rule"), width: 1 }, ticks: { stroke: () => colour("rule"), width: 1 }, ...more }),
+};
+
+export class Scope {
+  /** `said` takes texts; `spanOf` gives the least span of a signal; `drawn` is called after each drawing. */
+  constructor(place, { said, spanOf, drawn, paused, plotted }) {
+    Object.assign(this, { place, said, spanOf, drawn, paused, plotted });
     this.signals = [];
     this.units = [];
     this.columns = [[]];
@@ -38,60 +44,70 @@ class Scope {
     this.runs = true;
     this.trigger = null;
     this.frozen = null;
+    this.height = 300;
     new ResizeObserver(() => this.resize()).observe(place);
     setInterval(() => this.draw(), 50);
+    addEventListener("themechange", () => this.plot?.redraw());
   }
 
-  /** Shows these signals, from now on. */
+  /** Shows these signals from now on, and what is known of those that were shown before. */
   show(signals) {
+    const [times, ...before] = this.columns;
+    const known = new Map(this.signals.map((signal, place) => [signal, before[place]]));
+    this.columns = [times, ...signals.map((signal) => known.get(signal) ?? times.map(() => null))];
     this.signals = signals;
-    this.columns = [[], ...signals.map(() => [])];
     this.units = signals.map(() => "");
     this.lost = 0;
     this.frozen = null;
-    if (this.socket) this.socket.close();
+    this.socket?.close();
     this.socket = null;
     this.plot?.destroy();
     this.plot = null;
-    if (signals.length === 0) return;
-    const socket = this.open(`/v1/stream?signals=${signals.map(encodeURIComponent).join(",")}`);
+    if (signals.length > 0) this.stream(signals);
+  }
+
+  stream(signals) {
+    const socket = openSocket(streamPath(signals));
     socket.binaryType = "arraybuffer";
     socket.onmessage = (message) => {
       if (socket !== this.socket) return;
-      if (typeof message.data === "string") {
-        const said = JSON.parse(message.data);
-        if (said.signals) this.begin(said.signals.map((signal) => signal.unit));
-        return;
-      }
-      this.take(decodeBlock(message.data));
+      if (typeof message.data !== "string") return this.take(decodeBlock(message.data));
+      const said = JSON.parse(message.data);
+      if (said.signals) this.begin(said.signals.map((signal) => signal.unit));
     };
     socket.onclose = () => {
-      if (socket === this.socket) this.state("the stream has ended");
+      if (socket === this.socket) this.said("the stream has ended");
     };
     this.socket = socket;
   }
 
   begin(units) {
     this.units = units;
+    this.plot?.destroy();
     const kinds = [...new Set(units)];
+    const scales = Object.fromEntries(kinds.map((unit) => [`unit ${unit}`, { range: (_, least, most) => rangeOf(least, most, this.span(unit)) }]));
     const series = this.signals.map((signal, place) => ({
-      label: units[place] ? `${signal} [${units[place]}]` : signal,
-      scale: `unit ${units[place]}`,
-      stroke: COLOURS[place % COLOURS.length],
-      width: 1.5,
+      label: signal, scale: `unit ${units[place]}`, stroke: () => seriesColour(place), width: 1.5,
     }));
-    const quiet = getComputedStyle(document.documentElement).getPropertyValue("--quiet");
-    const grid = { stroke: getComputedStyle(document.documentElement).getPropertyValue("--rule"), width: 1 };
-    const axes = kinds.map((unit, place) => ({
-      scale: `unit ${unit}`, side: place % 2 ? 1 : 3, label: unit, stroke: quiet, grid: place ? { show: false } : grid, size: 64,
+    const width = this.place.clientWidth < NARROW ? { size: NARROW_AXIS_WIDTH } : { size: AXIS_WIDTH, labelSize: 18 };
+    const axes = kinds.map((unit, place) => themed.axis({
+      ...width, scale: `unit ${unit}`, side: place % 2 ? 1 : 3, ...(width.labelSize ? { label: unit } : {}), ...(place ? { grid: { show: false } } : {}),
     }));
     this.plot = new uPlot({
-      width: Math.max(this.place.clientWidth, 200), height: 320,
-      scales: { x: { time: false } },
+      ...this.size(),
+      scales: { x: { time: false }, ...scales },
+      legend: { show: false },
       cursor: { drag: { x: true, y: false } },
-      axes: [{ label: "s", stroke: quiet, grid }, ...axes],
-      series: [{ label: "time [s]" }, ...series],
+      axes: [themed.axis({ label: "s", labelSize: 16, size: 34 }), ...axes],
+      series: [{}, ...series],
     }, this.columns, this.place);
+    this.plotted(this.plot);
+  }
+
+  /** The least span of all signals with this unit. */
+  span(unit) {
+    const spans = this.signals.filter((_, place) => this.units[place] === unit).map((signal) => this.spanOf(signal, unit));
+    return Math.max(...spans);
   }
 
   take(block) {
@@ -123,23 +139,22 @@ class Scope {
     const latest = this.columns[0].at(-1);
     if (this.frozen !== null && this.runs && latest >= this.frozen + this.window / 2) {
       this.pause();
-      this.state(`triggered at ${this.frozen.toFixed(3)} s`);
-      return;
+      this.said(`triggered at ${this.frozen.toFixed(3)} s`);
+    } else if (this.runs) {
+      this.plot.setData(this.columns, false);
+      this.plot.setScale("x", { min: latest - this.window, max: latest });
+      this.said(`${this.lost} cycles lost${this.trigger ? ", waiting for the trigger" : ""}`);
     }
-    if (!this.runs) return;
-    this.plot.setData(this.columns, false);
-    this.plot.setScale("x", { min: latest - this.window, max: latest });
-    const waits = this.trigger ? ", waiting for the trigger" : "";
-    this.state(`${this.lost} cycles lost${waits}`);
+    this.drawn();
   }
 
   pause() {
     this.runs = false;
-    this.shown = this.columns.map((column) => column.slice());
-    this.plot?.setData(this.shown, false);
+    this.kept = this.columns.map((column) => column.slice());
+    this.plot?.setData(this.kept, false);
     const end = this.frozen === null ? this.columns[0].at(-1) : this.frozen + this.window / 2;
     this.plot?.setScale("x", { min: end - this.window, max: end });
-    this.onpause?.();
+    this.paused();
   }
 
   resume() {
@@ -147,12 +162,37 @@ class Scope {
     this.runs = true;
   }
 
-  resize() {
-    this.plot?.setSize({ width: Math.max(this.place.clientWidth, 200), height: 320 });
+  size() {
+    return { width: Math.max(this.place.clientWidth, 200), height: this.height };
+  }
+
+  resize(height = this.height) {
+    this.height = Math.max(height, LEAST_HEIGHT);
+    this.plot?.setSize(this.size());
+  }
+
+  /** What is drawn: the time, then each signal. */
+  shown() {
+    return this.runs ? this.columns : this.kept;
+  }
+
+  /** The values of all signals at the cycle that is nearest to this time. */
+  valuesAt(time) {
+    const columns = this.shown();
+    const times = columns[0];
+    if (times.length === 0) return this.signals.map(() => null);
+    let [low, high] = [0, times.length - 1];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (times[middle] < time) low = middle + 1;
+      else high = middle;
+    }
+    const at = low > 0 && time - times[low - 1] < times[low] - time ? low - 1 : low;
+    return columns.slice(1).map((column) => column[at] ?? null);
   }
 
   csv() {
-    const columns = this.runs ? this.columns : this.shown;
+    const columns = this.shown();
     const names = this.signals.map((signal, place) => (this.units[place] ? `${signal} [${this.units[place]}]` : signal));
     // By RFC 4180, section 2.
     const quoted = (name) => (/[,"\r\n]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name);
@@ -161,37 +201,4 @@ class Scope {
     const rows = columns[0].map((_, row) => columns.map((column) => column[row] ?? "").join(","));
     return [["time [s]", ...names.map(plain).map(quoted)].join(","), ...rows].join("\n") + "\n";
   }
-}
-
-/** A black box: position and target over the time, with the states. */
-function drawBlackBox(place, box) {
-  place.replaceChildren();
-  const title = document.createElement("p");
-  title.textContent = box.text;
-  place.append(title);
-  const times = box.cycles.map((cycle) => cycle.time);
-  const column = (name) => box.cycles.map((cycle) => cycle[name] ?? null);
-  const quiet = getComputedStyle(document.documentElement).getPropertyValue("--quiet");
-  new uPlot({
-    width: Math.max(place.clientWidth, 200), height: 240,
-    scales: { x: { time: false } },
-    axes: [{ label: "s", stroke: quiet }, { label: box.unit, stroke: quiet, size: 64 }],
-    series: [
-      { label: "time [s]" },
-      { label: `position [${box.unit}]`, stroke: COLOURS[0], width: 1.5 },
-      { label: `target [${box.unit}]`, stroke: COLOURS[3], width: 1 },
-    ],
-  }, [times, column("position"), column("target")], place);
-  const changes = document.createElement("ol");
-  let before = null;
-  for (const cycle of box.cycles) {
-    const state = cycle.state ?? "no answer";
-    if (state !== before) {
-      const change = document.createElement("li");
-      change.textContent = `${cycle.time.toFixed(3)} s: ${state}`;
-      changes.append(change);
-    }
-    before = state;
-  }
-  place.append(changes);
 }

@@ -111,6 +111,23 @@ impl Browser {
         )
     }
 
+    /// What a script returns that uses these names of a file of the page.
+    pub(crate) fn with(&self, file: &str, names: &str, script: &str) -> Result<Value> {
+        self.run(&format!(
+            "return import(`${{location.origin}}/{file}`).then(async ({{ {names} }}) => {{ {script} }})"
+        ))
+    }
+
+    pub(crate) fn wait_with(
+        &self,
+        what: &str,
+        file: &str,
+        names: &str,
+        script: &str,
+    ) -> Result<()> {
+        until(what, || Ok(self.with(file, names, script)? == true))
+    }
+
     pub(crate) fn wait(&self, what: &str, script: &str) -> Result<()> {
         until(what, || Ok(self.run(script)? == true))
     }
@@ -141,6 +158,70 @@ impl Browser {
         let mouse = json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions});
         self.post("/actions", &json!({"actions": [mouse]}))
             .map(drop)
+    }
+
+    /// A click in the middle of an element, which is brought into view: away from the head of the page.
+    pub(crate) fn click(&self, css: &str) -> Result<()> {
+        self.bring_into_view(css)?;
+        let element = self.element(css)?;
+        self.post(&format!("/element/{element}/click"), &json!({}))
+            .map_err(|error| format!("{css}: {error}").into())
+            .map(drop)
+    }
+
+    fn bring_into_view(&self, css: &str) -> Result<()> {
+        let css = json!(css);
+        self.run(&format!(
+            "document.querySelector({css})?.scrollIntoView({{ block: 'center' }})"
+        ))
+        .map(drop)
+    }
+
+    /// Types into a field, in place of what it has.
+    pub(crate) fn fill(&self, css: &str, text: &str) -> Result<()> {
+        let element = self.element(css)?;
+        self.post(&format!("/element/{element}/clear"), &json!({}))?;
+        self.type_into(css, text)
+    }
+
+    pub(crate) fn type_into(&self, css: &str, text: &str) -> Result<()> {
+        let element = self.element(css)?;
+        let path = format!("/element/{element}/value");
+        self.post(&path, &json!({"text": text})).map(drop)
+    }
+
+    /// Drags an element by so many pixels.
+    pub(crate) fn drag(&self, css: &str, x: i32, y: i32) -> Result<()> {
+        let element = json!({ELEMENT: self.element(css)?});
+        self.bring_into_view(css)?;
+        self.pointer(&json!([
+            {"type": "pointerMove", "duration": 0, "origin": element, "x": 0, "y": 0},
+            {"type": "pointerDown", "button": 0},
+            {"type": "pointerMove", "duration": 50, "origin": "pointer", "x": x, "y": y},
+            {"type": "pointerUp", "button": 0},
+        ]))
+    }
+
+    /// The size of the page in pixels; of a phone it has fingers too.
+    pub(crate) fn resize(&self, width: u32, height: u32, is_phone: bool) -> Result<()> {
+        let metrics = json!({
+            "width": width,
+            "height": height,
+            "deviceScaleFactor": if is_phone { 2 } else { 1 },
+            "mobile": is_phone,
+        });
+        self.of_chrome("Emulation.setDeviceMetricsOverride", &metrics)
+    }
+
+    /// What the computer has chosen: `light` or `dark`.
+    pub(crate) fn theme(&self, theme: &str) -> Result<()> {
+        let features = json!([{"name": "prefers-color-scheme", "value": theme}]);
+        self.of_chrome("Emulation.setEmulatedMedia", &json!({"features": features}))
+    }
+
+    fn of_chrome(&self, command: &str, parameters: &Value) -> Result<()> {
+        let asked = json!({"cmd": command, "params": parameters});
+        self.post("/goog/cdp/execute", &asked).map(drop)
     }
 
     pub(crate) fn key(&self, key: &str) -> Result<()> {

@@ -1,4 +1,4 @@
-//! The machine: a simulated drive with two axes, shown with a grant to jog `x`.
+//! The machines: a simulated drive with two axes, shown with a grant to jog `x`; and a line of four devices with all grants.
 
 use std::{
     sync::{Arc, Mutex, PoisonError},
@@ -7,6 +7,7 @@ use std::{
 
 use servocrab::{
     Axis, AxisConfig, DriveConfig, Network, Referencing, SetPoint,
+    bus::{Expected, IoConfig},
     coe::obj,
     drives,
     link::Wire,
@@ -34,8 +35,38 @@ pub(crate) struct Machine {
 }
 
 impl Machine {
+    /// One drive, of which `x` may be jogged.
     pub(crate) fn start() -> Result<Self> {
-        let segment = Arc::new(Mutex::new(Segment::new().with(personality::akd2g())));
+        let segment = Segment::new().with(personality::akd2g());
+        let jog = Grant::Jog {
+            axes: vec!["x".into()],
+            max_velocity: 10.0 * JOG,
+        };
+        Self::of(segment, Vec::new(), vec![jog])
+    }
+
+    /// The drive, eight inputs, eight outputs, and a coupler that nobody has declared. Everything is granted.
+    pub(crate) fn with_all_grants() -> Result<Self> {
+        let segment = Segment::new()
+            .with(personality::akd2g())
+            .with(personality::digital_inputs())
+            .with(personality::digital_outputs())
+            .with(personality::coupler());
+        let ios = vec![
+            (1, IoConfig::new("buttons", Expected::new(0, 0x4449_3038))),
+            (2, IoConfig::new("valves", Expected::new(0, 0x444F_3038))),
+        ];
+        let axes = || vec!["x".to_owned(), "y".to_owned()];
+        let jog = Grant::Jog {
+            axes: axes(),
+            max_velocity: 10.0 * JOG,
+        };
+        let grants = vec![Grant::Parameters, jog, Grant::Motion { axes: axes() }];
+        Self::of(segment, ios, grants)
+    }
+
+    fn of(segment: Segment, ios: Vec<(u16, IoConfig)>, grants: Vec<Grant>) -> Result<Self> {
+        let segment = Arc::new(Mutex::new(segment));
         let ledger = Arc::<Mutex<Vec<_>>>::default();
         let (wired, noted) = (Arc::clone(&segment), Arc::clone(&ledger));
         let wire = Wire::new(move |frame, now| {
@@ -64,15 +95,15 @@ impl Machine {
             // The browser takes the processors for longer than a watchdog usually allows.
             .watchdog(Duration::from_secs(6))
             .drive(0, drive);
+        let builder = ios
+            .into_iter()
+            .fold(builder, |builder, (position, io)| builder.io(position, io));
         let net = smol::block_on(builder.start())?;
         let directory = tempfile::tempdir()?;
         let attach = Attach::new("panel")
             .directory(directory.path().join("servocrab"))
-            .loopback(0)
-            .grant(Grant::Jog {
-                axes: vec!["x".into()],
-                max_velocity: 10.0 * JOG,
-            });
+            .loopback(0);
+        let attach = grants.into_iter().fold(attach, Attach::grant);
         let attached = serve(&net, attach)?;
         let (x, y) = (net.axis_in("x")?, net.axis_in("y")?);
         Ok(Self {
@@ -128,6 +159,20 @@ impl Machine {
     pub(crate) fn fault_of_y(&self) {
         if let Some(y) = locked(&self.segment).axis_mut(0, 1) {
             y.inject_fault(0x8611);
+        }
+    }
+
+    /// The drive leaves OP, as after a watchdog.
+    pub(crate) fn drive_leaves_op(&self) {
+        if let Some(drive) = locked(&self.segment).device_mut(0) {
+            drive.fall_to_safe_op(0x001B);
+        }
+    }
+
+    /// The first and the third of the eight inputs are on.
+    pub(crate) fn press_buttons(&self) {
+        if let Some(buttons) = locked(&self.segment).device_mut(1) {
+            buttons.set_inputs(&[0b101]);
         }
     }
 

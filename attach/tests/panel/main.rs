@@ -7,6 +7,7 @@
 mod browser;
 mod machine;
 mod network;
+mod workbench;
 
 use std::{
     env, fs,
@@ -22,6 +23,9 @@ use network::{Cable, relay};
 use serde_json::{Value, json};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// It jogs `x` forward.
+const JOG_BUTTON: &str = "button.jog[data-axis=x][data-direction='1']";
 
 /// What ends a jog.
 type End = fn(&Browser, &Cable) -> Result<()>;
@@ -57,23 +61,14 @@ fn main() -> ExitCode {
 
 fn run(pictures: &Path) -> Result<()> {
     fs::create_dir_all(pictures)?;
+    workbench::run(pictures)?;
     let machine = Machine::start()?;
     let cable = Cable::lay(machine.port()?)?;
-    let open = || -> Result<Browser> {
-        let browser = Browser::start(&cable)?;
-        browser.open(machine.panel())?;
-        browser.wait(
-            "the panel is connected",
-            "return document.querySelector('#connection').textContent === 'connected' && tick !== null",
-        )?;
-        Ok(browser)
-    };
+    let open = || opened(&machine, &cable);
 
     let browser = open()?;
     shows(&browser, &machine)?;
     a_move_is_seen(&browser, &machine)?;
-    browser.picture(&pictures.join("panel.png"))?;
-    browser.picture_of("#scope-section", &pictures.join("scope.png"))?;
     an_object_is_asked_for(&browser)?;
     values_are_of_their_types(&browser)?;
     a_write_asks_by_no_window(&browser)?;
@@ -127,10 +122,23 @@ fn run(pictures: &Path) -> Result<()> {
     Ok(())
 }
 
+/// A browser with the panel of the machine, to which it is connected.
+fn opened(machine: &Machine, cable: &Cable) -> Result<Browser> {
+    let browser = Browser::start(cable)?;
+    browser.open(machine.panel())?;
+    browser.wait_with(
+        "the panel is connected",
+        "control.js",
+        "tick",
+        "return tick !== null && ['connected', 'fault: y'].includes(document.querySelector('#connection').textContent)",
+    )?;
+    Ok(browser)
+}
+
 /// Presses the button until the axis moves: right after a fault or a stop the page may be told that it cannot yet.
 fn begin(browser: &Browser, machine: &Machine) -> Result<()> {
     for _ in 0..3 {
-        browser.hold("button.jog[data-axis=x]:nth-of-type(2)")?;
+        browser.hold(JOG_BUTTON)?;
         let pressed = Instant::now();
         while pressed.elapsed() < Duration::from_secs(5) {
             if machine.speed() > 0.8 * machine::JOG {
@@ -183,8 +191,9 @@ fn shows(browser: &Browser, machine: &Machine) -> Result<()> {
     )?;
     browser.wait(
         "the state of x is shown",
-        "return document.querySelector('.card[data-axis=x] li.now')?.textContent === 'Operation enabled'",
+        "return document.querySelector('.card[data-axis=x] .state')?.textContent === 'enabled'",
     )?;
+    browser.click(".card[data-axis=x] .words-button")?;
     browser.wait(
         "its limits are shown",
         "return document.querySelector('.card[data-axis=x] .limits').textContent.startsWith('Limits: positions ')",
@@ -200,31 +209,36 @@ fn shows(browser: &Browser, machine: &Machine) -> Result<()> {
 }
 
 fn a_move_is_seen(browser: &Browser, machine: &Machine) -> Result<()> {
-    browser.wait("the scope runs", "return scope.columns[0].length > 100")?;
+    let scope = |what, script| browser.wait_with(what, "signals.js", "scope", script);
+    scope("the scope runs", "return scope.columns[0].length > 100")?;
     machine.moves_to(40.0)?;
-    browser.wait(
+    scope(
         "the move is in the scope",
         "const shown = scope.columns[1]; return Math.max(...shown) - Math.min(...shown) > 39",
     )?;
-    let lost = browser.run("return scope.lost")?;
+    let lost = browser.with("signals.js", "scope", "return scope.lost")?;
     println!("a move of 40 mm is in the scope; {lost} cycles lost");
     Ok(())
 }
 
 /// Index and subindex are hexadecimal, as the server reads them.
 fn an_object_is_asked_for(browser: &Browser) -> Result<()> {
-    let path = browser.run("return objectPath(3, {index: 0x1600, subindex: 16})")?;
+    let path = browser.with(
+        "values.js",
+        "objectPath",
+        "return objectPath(3, {index: 0x1600, subindex: 16})",
+    )?;
     if path.as_str() != Some("/v1/od/3/1600h/10") {
         return Err(format!("1600h:10 of drive 3 is asked for as {path}").into());
     }
-    let differences = browser.run(
-        "return (async () => { \
-             const saved = await valuesOf(0, () => {}); \
-             saved['6066h:00'].bytes = [57, 48]; \
-             delete saved['6067h:00']; \
-             showDifferences(saved, await valuesOf(0, () => {})); \
-             return [...document.querySelectorAll('#differences tr')].map((row) => row.textContent).join('\\n'); \
-         })()",
+    let differences = browser.with(
+        "compare.js",
+        "valuesOf, showDifferences",
+        "const saved = await valuesOf(0, () => {}); \
+         saved['6066h:00'].bytes = [57, 48]; \
+         delete saved['6067h:00']; \
+         showDifferences(saved, await valuesOf(0, () => {})); \
+         return [...document.querySelectorAll('#differences tr')].map((row) => row.textContent).join('\\n');",
     )?;
     let differences = differences.as_str().unwrap_or_default();
     let has = |address: &str, value: &str| {
@@ -239,7 +253,9 @@ fn an_object_is_asked_for(browser: &Browser) -> Result<()> {
 
 /// What is shown and written is what the type holds; a number that would be cut is refused.
 fn values_are_of_their_types(browser: &Browser) -> Result<()> {
-    let said = browser.run(
+    let said = browser.with(
+        "values.js",
+        "valueOf, bytesOf",
         "const is = (shown, expected) => { if (String(shown) !== expected) throw new Error(`${shown} is not ${expected}`); }; \
          const refused = (...of) => { let bytes; try { bytes = bytesOf(...of); } catch { return; } throw new Error(`${of} is ${bytes}`); }; \
          try { \
@@ -267,16 +283,19 @@ fn values_are_of_their_types(browser: &Browser) -> Result<()> {
 
 /// A window that asks for a value lets neither the button nor the key of the quick stop through.
 fn a_write_asks_by_no_window(browser: &Browser) -> Result<()> {
-    let asked = browser.run(
-        "const [own, granted] = [window.prompt, grants]; \
+    let asked = browser.with(
+        "objects.js",
+        "objectRow",
+        "const own = window.prompt; \
          let asked = false; \
          window.prompt = () => { asked = true; return null; }; \
-         grants = { parameters: true, axes: [] }; \
-         const row = objectRow(0, { index: 0x6072, subindex: 0, name: '', type: 'UNSIGNED16', bits: 16, access: 'rw' }); \
-         row.querySelectorAll('button')[1].click(); \
-         const said = document.querySelector('#message').textContent; \
-         [window.prompt, grants] = [own, granted]; \
-         return asked ? 'a window asks' : said",
+         const object = { index: 0x6072, subindex: 0, name: '', type: 'UNSIGNED16', bits: 16, access: 'rw' }; \
+         const row = objectRow(0, object, { parameters: true, axes: [] }); \
+         row.querySelector('button').click(); \
+         row.querySelector('input').value = ''; \
+         [...row.querySelectorAll('button')].find((button) => button.textContent === 'Write').click(); \
+         window.prompt = own; \
+         return asked ? 'a window asks' : document.querySelector('#message').textContent;",
     )?;
     match said_no_value(&asked) {
         true => Ok(()),
@@ -295,7 +314,7 @@ fn a_jog_goes_the_way_of_its_button(browser: &Browser, machine: &Machine) -> Res
     browser.run(&format!(
         "window.typed = {field}.value; {field}.value = '-5'"
     ))?;
-    browser.hold("button.jog[data-axis=x]:nth-of-type(2)")?;
+    browser.hold(JOG_BUTTON)?;
     browser.wait(
         "a jog with -5 is refused",
         "return document.querySelector('#message').textContent.includes('above 0')",
@@ -312,25 +331,26 @@ fn a_jog_goes_the_way_of_its_button(browser: &Browser, machine: &Machine) -> Res
 /// stop is answered.
 fn a_stop_waits_for_no_request(browser: &Browser) -> Result<()> {
     for _ in 0..5 {
-        browser.wait(
+        browser.wait_with(
             "the WebSocket of the page is open",
+            "control.js",
+            "control",
             "return control?.readyState === WebSocket.OPEN",
         )?;
-        let said = browser.run_async(
-            "const done = arguments[0]; \
-             const own = window.ask; \
+        let said = browser.with(
+            "control.js",
+            "control, stop",
+            "const own = window.fetch; \
              const waiting = []; \
-             window.ask = (...request) => new Promise((answered, failed) => \
+             window.fetch = (...request) => new Promise((answered, failed) => \
                  waiting.push(() => own(...request).then(answered, failed))); \
              const closed = new Promise((resolve) => control.addEventListener('close', resolve)) \
                  .then(() => ({closed: true})); \
              const stopped = stop('/v1/axes/y/stop', {stop: {axis: 'y'}}); \
-             Promise.race([stopped, closed]).then((answer) => { \
-                 window.ask = own; \
-                 waiting.forEach((go) => go()); \
-                 done(answer); \
-             })",
-            &json!([]),
+             const answer = await Promise.race([stopped, closed]); \
+             window.fetch = own; \
+             waiting.forEach((go) => go()); \
+             return answer;",
         )?;
         if said["asked"] == true {
             return Ok(());
@@ -370,11 +390,13 @@ fn is_refused(browser: &Browser, machine: &Machine) -> Result<()> {
     let token = machine.token();
     // From the page itself: what is not granted.
     let refused = "const [path, body, done] = arguments; \
-                   ask(path, body).then(() => done('done'), (error) => done(error.message))";
+                   import(`${location.origin}/connection.js`).then(({ ask }) => ask(path, body)) \
+                       .then(() => done('done'), (error) => done(error.message))";
     for (path, body) in [
         ("/v1/od/0/0x6066/0", json!({"bytes": [1, 0]})),
         ("/v1/axes/y/move", json!({"to": 1, "velocity": 1})),
         ("/v1/axes/y/enable", Value::Null),
+        ("/v1/axes/x/recover", Value::Null),
     ] {
         let said = browser.run_async(refused, &json!([path, body]))?;
         if !said
@@ -384,7 +406,11 @@ fn is_refused(browser: &Browser, machine: &Machine) -> Result<()> {
             return Err(format!("{path} was not refused: {said}").into());
         }
     }
-    browser.run("control.send(JSON.stringify({ hold: { axis: 'y', velocity: 1, tick } }))")?;
+    browser.with(
+        "control.js",
+        "control, tick",
+        "control.send(JSON.stringify({ hold: { axis: 'y', velocity: 1, tick } }))",
+    )?;
     browser.wait(
         "a jog of y is refused",
         "return document.querySelector('#message').textContent.includes('does not grant')",
@@ -417,7 +443,7 @@ fn is_refused(browser: &Browser, machine: &Machine) -> Result<()> {
     browser.open(machine.panel())?;
     browser.wait(
         "the panel is back",
-        "return document.querySelector('#connection')?.textContent === 'connected'",
+        "return ['connected', 'fault: y'].includes(document.querySelector('#connection')?.textContent)",
     )?;
     println!("refused: an edit, a move and a jog without a grant, a wrong token, another origin");
     Ok(())

@@ -341,6 +341,13 @@ async fn answer(context: &Context, running: &Running, control: &Control) {
                 };
                 under_way.extend(context.spawn(reading));
             }
+            Question::States(reply) => {
+                let (asked, recovery) = (context.clone(), Rc::clone(&running.recovery));
+                let reading = async move {
+                    let _ = reply.try_send(watch::read_states(&asked, &recovery.line).await);
+                };
+                under_way.extend(context.spawn(reading));
+            }
             Question::Recover(place, steps, reply) => {
                 let recovery = Rc::clone(&running.recovery);
                 let way_back = async move { recovery.serve(place, steps, &reply).await };

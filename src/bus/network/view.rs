@@ -2,7 +2,7 @@
 
 use std::{fmt, sync::Arc};
 
-use smol::channel::Receiver;
+use smol::channel::{Receiver, unbounded};
 
 use super::{ask, find_axis, find_io, supervisor::StartedDrive};
 use crate::{
@@ -14,9 +14,9 @@ use crate::{
         },
         device::{io::Io, io_points::IoPoint},
         error::NetworkError,
-        event::NetworkEvent,
+        event::{NetworkEvent, Recovered},
         recorder::{RecordedSignal, Recorder, Signal, SignalSource, no_signal},
-        watch::{Control, DevicePorts, Question},
+        watch::{Control, DevicePorts, Question, SeenDevice},
     },
     coe::{AxisOffset, DataType, DriveEmergency, Emergencies, ObjectAddress, SdoHandle, Unit, obj},
     pdo_map::{Direction, Layout},
@@ -156,6 +156,27 @@ impl NetworkView {
     pub async fn port_errors(&self) -> Result<Vec<DevicePorts>, NetworkError> {
         let asked = ask(&self.control, &self.over, Question::Ports);
         asked.await?.map_err(NetworkError::Line)
+    }
+
+    /// All SubDevices of the line, each as it was found at the start and with the AL state that it shows now, also those that nobody
+    /// has declared. Read over the line, between the cycles.
+    ///
+    /// # Errors
+    /// [`NetworkError::Line`] if they could not be read; [`NetworkError::Thread`] if the network has ended.
+    pub async fn device_states(&self) -> Result<Vec<SeenDevice>, NetworkError> {
+        let asked = ask(&self.control, &self.over, Question::States);
+        asked.await?.map_err(NetworkError::Line)
+    }
+
+    /// As [`Network::recover`](super::Network::recover), of the device at this position of the line. Its progress is reported to nobody.
+    ///
+    /// # Errors
+    /// As there.
+    pub async fn recover(&self, position: u16) -> Result<Recovered, NetworkError> {
+        let place = self.in_exchange(position)?;
+        let (steps, _) = unbounded();
+        let asked = |reply| Question::Recover(place, steps, reply);
+        ask(&self.control, &self.over, asked).await?
     }
 
     /// As [`Network::recorder`](super::Network::recorder).

@@ -57,6 +57,8 @@ pub(in crate::bus) enum Question {
     BlackBox(usize, Sender<BlackBox>),
     /// The error counters of all ports.
     Ports(Sender<Result<Vec<DevicePorts>, RegisterError>>),
+    /// The AL states of all SubDevices.
+    States(Sender<Result<Vec<SeenDevice>, RegisterError>>),
     /// That the device at this place of the exchange be brought back into OP, and its progress be reported.
     Recover(
         usize,
@@ -672,6 +674,40 @@ async fn read_one(
         Err(RegisterError::NotAnswered) => Ok(None),
         Err(error) => Err(error),
     }
+}
+
+/// A SubDevice of a running line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SeenDevice {
+    /// As it was found at the start, whether it was declared or not.
+    pub device: DriveId,
+    /// The AL state that whoever stands at its place shows; `None` where nobody answers there.
+    pub status: Option<AlStatus>,
+}
+
+/// Reads the AL states of the SubDevices of this line, in its order.
+pub(super) async fn read_states(
+    context: &Context,
+    line: &[DriveId],
+) -> Result<Vec<SeenDevice>, RegisterError> {
+    let mut seen = Vec::with_capacity(line.len());
+    for devices in line.chunks(AT_ONCE) {
+        let asked = devices.iter().map(|device| {
+            let (registers, position) = (context.registers.clone(), device.position);
+            async move { registers::status_at(&registers, position).await }
+        });
+        for (device, status) in devices.iter().zip(at_once(context, asked).await) {
+            let status = match status {
+                Ok(status) => Some(status),
+                Err(RegisterError::NotAnswered) => None,
+                Err(error) => return Err(error),
+            };
+            let device = device.clone();
+            seen.push(SeenDevice { device, status });
+        }
+    }
+    Ok(seen)
 }
 
 #[cfg(test)]

@@ -198,17 +198,7 @@ async fn found(
             }
         }
         _ => {
-            if let Some(sii) = &device.sii {
-                let outputs = sii
-                    .rx_pdos
-                    .iter()
-                    .flat_map(|pdo| points(sii, pdo, Direction::Output));
-                let inputs = sii
-                    .tx_pdos
-                    .iter()
-                    .flat_map(|pdo| points(sii, pdo, Direction::Input));
-                found.points = outputs.chain(inputs).collect();
-            }
+            found.points = device.sii.as_ref().map(points_of).unwrap_or_default();
             if !found.points.is_empty() {
                 found.kind = Kind::Io;
             }
@@ -234,6 +224,19 @@ pub(crate) async fn absent(sdo: &SdoHandle) -> Vec<ObjectAddress> {
         }
     }
     absent
+}
+
+/// What a device that is no drive exchanges by default: its outputs, then its inputs.
+pub(crate) fn points_of(sii: &Sii) -> Vec<Point> {
+    let outputs = sii
+        .rx_pdos
+        .iter()
+        .flat_map(|pdo| points(sii, pdo, Direction::Output));
+    let inputs = sii
+        .tx_pdos
+        .iter()
+        .flat_map(|pdo| points(sii, pdo, Direction::Input));
+    outputs.chain(inputs).collect()
 }
 
 /// The entries of a PDO that is exchanged by default.

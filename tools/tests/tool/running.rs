@@ -3,8 +3,7 @@
 use crate::{bundle, panel, python};
 use std::{
     env, fs,
-    io::{Read, Write},
-    net::TcpStream,
+    io::Write,
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
     sync::{
@@ -171,20 +170,7 @@ fn the_panel_of_a_running_program_is_shown_with_a_token_and_what_it_grants() {
             .unwrap(),
     );
     let (address, token) = panel::address(&mut panel.0);
-    let get = |path: &str, token: &str| {
-        let mut stream = TcpStream::connect(&address).unwrap();
-        stream
-            .set_read_timeout(Some(Duration::from_secs(10)))
-            .unwrap();
-        write!(
-            stream,
-            "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nAuthorization: Bearer {token}\r\n\r\n"
-        )
-        .unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
-        answer
-    };
+    let get = |path: &str, token: &str| panel::get(&address, token, path);
     let axes = get("/v1/axes", &token);
     assert!(
         axes.starts_with("HTTP/1.1 200") && axes.contains("\"name\":\"y\""),
@@ -197,6 +183,28 @@ fn the_panel_of_a_running_program_is_shown_with_a_token_and_what_it_grants() {
     assert!(get("/v1/axes", "0").starts_with("HTTP/1.1 401"));
     drop(panel);
     program.end();
+}
+
+#[test]
+fn the_panel_of_a_line_shows_terminals_too_unless_drives_alone_are_wanted() {
+    for (more, state) in [("", "OP"), (" --drives-only", "PREOP")] {
+        let directory = tempfile::tempdir().unwrap();
+        let arguments = format!("panel --sim akd2g,io --watchdog-ms 5000{more}");
+        let mut panel = Running(
+            Command::new(env!("CARGO_BIN_EXE_servocrab"))
+                .args(arguments.split(' '))
+                .env("XDG_RUNTIME_DIR", directory.path())
+                .stdout(Stdio::piped())
+                .spawn()
+                .unwrap(),
+        );
+        let (address, token) = panel::address(&mut panel.0);
+        let answer = panel::get(&address, &token, "/v1/devices");
+        let (_, body) = answer.split_once("\r\n\r\n").unwrap();
+        let devices: Value = serde_json::from_str(body).unwrap();
+        let states = [&devices[0]["state"], &devices[1]["state"]];
+        assert_eq!(states, ["OP", state], "{arguments}");
+    }
 }
 
 /// What the index and the messages of an MCAP file have. A file that was not completed has no index.
