@@ -38,8 +38,6 @@ pub(crate) struct Drives {
     drives: Vec<(u16, DriveConfig)>,
     /// The other devices that have process data, where no file says what they are.
     ios: Vec<(u16, IoConfig)>,
-    /// Whether these are wanted too.
-    are_ios_wanted: bool,
     machine: Option<Machine>,
     pub(crate) axes: Vec<FoundAxis>,
 }
@@ -82,7 +80,7 @@ impl DrivesArguments {
         if let Some(time) = self.watchdog_ms {
             network = network.watchdog(Duration::from_millis(time));
         }
-        let ios = drives.ios.into_iter().filter(|_| drives.are_ios_wanted);
+        let ios = drives.ios.into_iter();
         let network = ios.fold(network, |network, (position, io)| network.io(position, io));
         let drives = drives.drives.into_iter();
         Ok(drives.fold(network, |network, (position, drive)| {
@@ -141,22 +139,22 @@ impl Drives {
         Ok(Self {
             drives,
             ios,
-            are_ios_wanted: false,
             machine,
             axes,
         })
     }
 
-    /// With the inputs and outputs of the devices that are no drives.
-    pub(crate) const fn with_ios(mut self) -> Self {
-        self.are_ios_wanted = true;
+    /// The devices that are no drives stay as they are.
+    pub(crate) fn without_ios(mut self) -> Self {
+        self.ios.clear();
         self
     }
 
-    /// The other drives stay as they are, unless a file says that they belong to the machine.
+    /// The other devices stay as they are, unless a file says that they belong to the machine.
     pub(crate) fn only(mut self, position: u16) -> Self {
         if self.machine.is_none() {
             self.drives.retain(|(other, _)| *other == position);
+            self.ios.clear();
         }
         self
     }

@@ -43,8 +43,8 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         return Ok(true);
     }
     let mut found = all_drives(tool, &arguments.drives).await?;
-    if !arguments.drives_only {
-        found = found.with_ios();
+    if arguments.drives_only {
+        found = found.without_ios();
     }
     let axes = |is: fn(&FoundAxis) -> bool| {
         let axes = found.axes.iter().filter(|axis| is(axis));
