@@ -725,6 +725,26 @@ fn the_objects_of_a_running_programs_drives_are_used_as_those_of_a_line() {
 }
 
 #[test]
+fn a_client_of_the_stream_that_sends_too_long_a_message_is_let_go() {
+    let (net, _segment) = machine();
+    let (_runtime, attached) = shown(&net, &[]);
+    let mut socket = websocket(&attached, "/v1/stream?signals=x.position");
+    said(&mut socket);
+    // It may fail where the server has closed the connection before the end.
+    let _ = socket.send(Message::text("x".repeat(100_000)));
+    let closed = loop {
+        match socket.read() {
+            Ok(Message::Close(_)) => break true,
+            Ok(_) => {}
+            Err(tungstenite::Error::Io(error)) if error.kind() == ErrorKind::WouldBlock => break false,
+            Err(_) => break true,
+        }
+    };
+    assert!(closed, "it goes on");
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+#[test]
 fn a_stream_has_every_cycle_once_and_two_clients_share_it() {
     let (net, _segment) = machine();
     let (_runtime, attached) = shown(&net, &[]);

@@ -65,8 +65,9 @@ fn outside() {
     if programs::python().is_none() {
         return;
     }
-    let status = Command::new("unshare")
-        .arg("-rn")
+    // It ends with this process, however that ends.
+    let status = Command::new("setpriv")
+        .args(["--pdeathsig", "KILL", "unshare", "-rn"])
         .arg(env::current_exe().expect("this program has a path"))
         .env(INSIDE, "1")
         .status()

@@ -43,5 +43,6 @@ pub(crate) use snapshot::SnapshotChange;
 pub use crate::handle::{
     Axis, AxisError, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
     AxisStatistics, BoxFuture, Field, GroupQueue, Groups, Liveness, LivenessWatch, MotionEnd,
-    NoParameters, OutputField, ParameterAccess, StartTogether, StopHandle, start_together,
+    NoParameters, OutputField, ParameterAccess, Sampled, Stale, StartTogether, StopHandle,
+    start_together,
 };

@@ -70,6 +70,12 @@ pub struct Snapshot<U: AxisUnit = Counts> {
     pub position: U::Signed,
     /// Velocity actual value 606Ch; 0 where it is not mapped.
     pub velocity: U::Signed,
+    /// Following error actual value 60F4h, where the drive sends it. None in what an [`AxisCore`](super::AxisCore) gives itself.
+    pub following_error: Option<U::Signed>,
+    /// Torque actual value 6077h in thousandths of the rated torque, where the drive sends it; as there.
+    pub torque: Option<i16>,
+    /// Error code 603Fh, where the drive sends it; as there.
+    pub error_code: Option<u16>,
     /// Whether the axis is halted (bit 8).
     pub halted: bool,
     /// Whether the axis has a set-point, or may have one.
@@ -85,6 +91,9 @@ impl Snapshot {
         Snapshot {
             position: scale.position_in::<U>(self.position),
             velocity: scale.velocity_in::<U>(self.velocity),
+            following_error: self.following_error.map(|error| scale.position_in::<U>(error)),
+            torque: self.torque,
+            error_code: self.error_code,
             cycle: self.cycle,
             age: self.age,
             answered: self.answered,

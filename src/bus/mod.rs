@@ -37,7 +37,7 @@ pub use cycle::black_box::{Answered, AxisIncident, BlackBox, RecordedCycle};
 pub use cycle::statistics::{ClockStatistics, DriveStatistics, Durations, Statistics, Timing};
 pub use device::config::{AxisConfig, DriveConfig};
 pub use device::io::{
-    Io, IoConfig, IoError, IoErrorKind, IoInput, IoOutput, IoStatus, IoValue, Sampled, Stale,
+    Io, IoConfig, IoError, IoErrorKind, IoInput, IoOutput, IoStatus, IoValue,
 };
 pub use device::io_points::{IoPoint, PointName};
 pub use device::progress::BringUpProgress;

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use crate::{
     coe::{Number, Object, ObjectAddress, Readable, Writable},
-    pdo_map::{self, BitRange, Direction, LayoutError},
+    pdo_map::{self, Direction, LayoutError},
     units::AxisUnit,
 };
 
-use super::{Axis, AxisError, AxisErrorKind, shared::Shared};
+use super::{Axis, AxisError, AxisErrorKind, Sampled, Stale, shared::Shared};
 
 /// A mapped object that the drive sends.
 pub struct Field<T> {
@@ -87,15 +87,37 @@ impl<T: Number> Field<T> {
         })
     }
 
-    /// The value that came last; [`Axis::status`] says how old it is.
+    /// The value that the last cycle brought.
+    ///
+    /// # Errors
+    /// [`Stale`] if it brought none: the drive is silent, or a frame was lost. [`last`](Self::last) has the one before.
+    pub fn get(&self) -> Result<T, Stale> {
+        match self.read() {
+            (Some(0), value) => Ok(value),
+            (age, _) => Err(Stale { age }),
+        }
+    }
+
+    /// The value that came last, with its age; none if there never was one.
     #[must_use]
-    pub fn get(&self) -> T {
-        let place = self.field.place();
-        let bytes = self.shared.status.inputs(place.byte);
-        let at_start = pdo_map::Field::new(BitRange { byte: 0, ..place });
-        at_start
-            .and_then(|field| field.read(&bytes))
-            .unwrap_or(T::from_raw(0))
+    pub fn last(&self) -> Option<Sampled<T>> {
+        let (age, value) = self.read();
+        Some(Sampled { value, age: age? })
+    }
+
+    fn read(&self) -> (Option<u32>, T) {
+        self.shared.status.sample(|snapshot, inputs| {
+            let age = if snapshot.answered {
+                Some(0)
+            } else if self.shared.is_closed() {
+                Some(u32::MAX)
+            } else {
+                // As many cycles without inputs as there were: none has brought any.
+                let has_come = snapshot.cycle > u64::from(snapshot.age);
+                has_come.then_some(snapshot.age.max(1))
+            };
+            (age, inputs.value(self.field))
+        })
     }
 }
 
@@ -132,7 +154,7 @@ impl<T> Clone for OutputField<T> {
 
 impl<T: Number + fmt::Debug> fmt::Debug for Field<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Field").field(&self.get()).finish()
+        f.debug_tuple("Field").field(&self.last()).finish()
     }
 }
 

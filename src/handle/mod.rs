@@ -46,6 +46,7 @@ pub use homing::{Home, Homed, Homing};
 pub use port::AxisPort;
 pub use profile_position::{Done, Move, MoveRequest, Outcome, ProfilePosition};
 pub use profile_velocity::{Jog, ProfileVelocity};
+pub use sampled::{Sampled, Stale};
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
 pub use start_together::{AxisSet, GroupQueue, Groups, StartTogether, start_together};
 pub use statistics::{AxisStatistics, MotionEnd};

@@ -158,7 +158,7 @@ impl AxisSource {
     /// The value of an object of the first axis' numbering that came last; none where the drive does not send it.
     pub(crate) fn input<T: Number, A: Readable>(&self, object: Object<T, A>) -> Option<T> {
         let field = Field::of(&self.shared, object);
-        field.ok().map(|field| field.get())
+        field.ok()?.last().map(|sampled| sampled.value)
     }
 
     pub(crate) fn statistics(&self) -> AxisStatistics {

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use crate::{
     axis::{AxisCore, Command, Completion, Failure, Snapshot, StopRequest},
     coe::obj,
+    pdo_map,
     wakes::Waiters,
 };
 
@@ -28,6 +29,7 @@ pub(super) struct Shared {
     pub setup: AxisSetup,
     pub identity: Arc<AxisIdentity>,
     pub status: StatusCell,
+    measured: Measured,
     pub counts: AxisCounts,
     pub queue: Queue,
     pub stops: Stops,
@@ -45,11 +47,31 @@ pub(super) struct Shared {
     pub closed: AtomicBool,
 }
 
+/// What a drive may send of its axis beside what the core reads.
+#[derive(Debug, Clone, Copy)]
+struct Measured {
+    following_error: Option<pdo_map::Field<i32>>,
+    torque: Option<pdo_map::Field<i16>>,
+    error_code: Option<pdo_map::Field<u16>>,
+}
+
+impl Measured {
+    fn of(setup: &AxisSetup) -> Self {
+        let (layout, offset) = (&setup.layout, setup.offset);
+        Self {
+            following_error: layout.input(obj::FOLLOWING_ERROR_ACTUAL.offset(offset)).ok(),
+            torque: layout.input(obj::TORQUE_ACTUAL.offset(offset)).ok(),
+            error_code: layout.input(obj::ERROR_CODE.offset(offset)).ok(),
+        }
+    }
+}
+
 impl Shared {
     pub fn new(setup: AxisSetup, core: &AxisCore) -> Self {
         Self {
             identity: Arc::new(setup.identity.clone()),
             status: StatusCell::new(&core.snapshot(), setup.layout.input_bytes()),
+            measured: Measured::of(&setup),
             counts: AxisCounts::default(),
             queue: Queue::new(),
             stops: Stops::new(),
@@ -85,8 +107,16 @@ impl Shared {
 
     /// The latest snapshot.
     pub fn snapshot(&self) -> Snapshot {
-        self.status
-            .snapshot_after(self.setup.groups.signals.cycles())
+        let measured = self.measured;
+        // The axis was as it is in the last of the cycles that there were, or the snapshot is of a later one.
+        let cycles = self.setup.groups.signals.cycles();
+        self.status.sample(|snapshot, inputs| Snapshot {
+            cycle: snapshot.cycle.max(cycles),
+            following_error: measured.following_error.map(|field| inputs.value(field)),
+            torque: measured.torque.map(|field| inputs.value(field)),
+            error_code: measured.error_code.map(|field| inputs.value(field)),
+            ..snapshot
+        })
     }
 
     /// Asks for a stop that nobody waits for. It is in the next frame, whatever is queued.

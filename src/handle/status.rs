@@ -2,7 +2,9 @@
 
 use super::Snapshot;
 use crate::{
+    coe::Number,
     ds402::{Controlword, Mode, Statusword},
+    pdo_map::{self, BitRange},
     sync::{AtomicU64, AtomicUsize, Ordering, fence, spin_loop},
 };
 
@@ -74,38 +76,17 @@ impl StatusCell {
         latest.head[0].store(cycle, Ordering::Relaxed);
     }
 
-    /// The latest snapshot, where it is known that there were this many cycles. The axis was as it is in the last of them, or the
-    /// snapshot is of a later one.
-    pub fn snapshot_after(&self, cycles: u64) -> Snapshot {
-        let snapshot = self.snapshot();
-        Snapshot {
-            cycle: snapshot.cycle.max(cycles),
-            ..snapshot
-        }
-    }
-
     /// The snapshot that was published last.
     fn snapshot(&self) -> Snapshot {
-        self.read(|copy| {
-            unpack(
-                copy.head
-                    .each_ref()
-                    .map(|word| word.load(Ordering::Relaxed)),
-            )
-        })
+        self.sample(|snapshot, _| snapshot)
     }
 
-    /// Eight input bytes from `offset` on; those past the end are 0.
-    pub fn inputs(&self, offset: usize) -> [u8; 8] {
+    /// What `of` makes of the snapshot that was published last and of its inputs.
+    pub fn sample<T>(&self, of: impl Fn(Snapshot, &SampledInputs<'_>) -> T) -> T {
         self.read(|copy| {
-            core::array::from_fn(|n| {
-                let at = offset + n;
-                let word = copy
-                    .inputs
-                    .get(at / 8)
-                    .map_or(0, |word| word.load(Ordering::Relaxed));
-                (word >> (8 * (at % 8))) as u8
-            })
+            let head = copy.head.each_ref();
+            let head = head.map(|word| word.load(Ordering::Relaxed));
+            of(unpack(head), &SampledInputs(copy))
         })
     }
 
@@ -131,6 +112,31 @@ impl StatusCell {
         } else {
             second
         }
+    }
+}
+
+/// The input bytes that belong to a snapshot.
+pub(super) struct SampledInputs<'a>(&'a Copy);
+
+impl SampledInputs<'_> {
+    /// The value at this place; 0 where there is nothing.
+    pub fn value<T: Number>(&self, field: pdo_map::Field<T>) -> T {
+        let place = field.place();
+        let bytes = self.bytes(place.byte);
+        let at_start = pdo_map::Field::new(BitRange { byte: 0, ..place });
+        at_start
+            .and_then(|field| field.read(&bytes))
+            .unwrap_or(T::from_raw(0))
+    }
+
+    /// Eight bytes from `offset` on; those past the end are 0.
+    fn bytes(&self, offset: usize) -> [u8; 8] {
+        core::array::from_fn(|n| {
+            let at = offset + n;
+            let word = self.0.inputs.get(at / 8);
+            let word = word.map_or(0, |word| word.load(Ordering::Relaxed));
+            (word >> (8 * (at % 8))) as u8
+        })
     }
 }
 
@@ -230,6 +236,9 @@ fn unpack([cycle, ages, words, motion]: Head) -> Snapshot {
         mode: Mode::from_raw((words >> 32) as i8),
         position: motion as i32,
         velocity: (motion >> 32) as i32,
+        following_error: None,
+        torque: None,
+        error_code: None,
     }
 }
 

@@ -80,7 +80,9 @@ fn an_object_that_was_mapped_beside_the_others_is_read_through_its_field() {
     let rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
     let axis = rig.net().axis("y").unwrap();
     let field = axis.input(obj::FOLLOWING_ERROR_ACTUAL).unwrap();
-    assert_eq!(field.get(), 0);
+    assert_eq!(field.get(), Ok(0));
+    assert_eq!(axis.status().following_error, Some(0));
+    assert_eq!(rig.net().axis("x").unwrap().status().following_error, None);
     assert!(
         rig.net()
             .axis("x")

@@ -8,9 +8,10 @@ use std::{
 };
 
 use servocrab::{
+    axis::{Sampled, Stale},
     bus::{
         AlState as State, BringUpStep, DevicePlace, DriveFault, Expected, Io, IoConfig,
-        IoErrorKind, Network, NetworkBuilder, NetworkError, NetworkEvent, Sampled, Stale,
+        IoErrorKind, Network, NetworkBuilder, NetworkError, NetworkEvent,
     },
     coe::obj,
     pdo_map::Direction,

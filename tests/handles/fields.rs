@@ -1,7 +1,7 @@
 //! Further objects in the process data, the manufacturer's bits, and waiting for changes.
 
 use servocrab::{
-    axis::AxisErrorKind,
+    axis::{AxisErrorKind, Sampled, Stale},
     coe::{Object, ReadWrite, obj},
     ds402::{Controlword, State},
 };
@@ -11,15 +11,19 @@ use servocrab_sim::ds402::{Behaviour, Plant};
 use crate::machine::{Machine, Task, Variant};
 
 #[test]
-fn a_mapped_input_is_read_as_it_came_last() {
+fn a_mapped_input_is_that_of_the_last_cycle_or_stale() {
     let mut machine = Machine::new(1);
     let inputs = machine.axis(0).input(obj::DIGITAL_INPUTS).unwrap();
+    assert_eq!(inputs.get(), Err(Stale { age: None }));
+    assert_eq!(inputs.last(), None);
     machine.drive().set_digital_inputs(0xA5A5_0102);
     machine.run(2);
-    assert_eq!(inputs.get(), 0xA5A5_0102);
+    assert_eq!(inputs.get(), Ok(0xA5A5_0102));
     machine.silent = true;
     machine.run(2);
-    assert_eq!(inputs.get(), 0xA5A5_0102);
+    assert_eq!(inputs.get(), Err(Stale { age: Some(2) }));
+    let value = 0xA5A5_0102;
+    assert_eq!(inputs.last(), Some(Sampled { value, age: 2 }));
 }
 
 #[test]

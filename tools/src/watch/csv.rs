@@ -68,8 +68,13 @@ pub(super) fn heading(signals: &[WatchedSignal]) -> String {
     format!("cycle,time [s]{names}\n")
 }
 
-/// A field of a CSV line by RFC 4180, section 2: in quotes where it has a comma, a quote or the end of a line.
+/// A field of a CSV line by RFC 4180, section 2: in quotes where it has a comma, a quote or the end of a line. A spreadsheet would take one that
+/// begins like a formula for that.
 fn quoted(field: String) -> String {
+    let field = match field.starts_with(['=', '+', '-', '@', '\t', '\r']) {
+        true => format!("'{field}"),
+        false => field,
+    };
     match field.contains([',', '"', '\r', '\n']) {
         true => format!("\"{}\"", field.replace('"', "\"\"")),
         false => field,
@@ -99,10 +104,11 @@ mod tests {
             known("gantry, left.position", "mm"),
             known("valves.Channel \"1\".Output", ""),
             known("two\nlines.state", ""),
+            known("=2+5.state", ""),
         ];
         assert_eq!(
             heading(&signals),
-            "cycle,time [s],x.position [mm],\"gantry, left.position [mm]\",\"valves.Channel \"\"1\"\".Output\",\"two\nlines.state\"\n"
+            "cycle,time [s],x.position [mm],\"gantry, left.position [mm]\",\"valves.Channel \"\"1\"\".Output\",\"two\nlines.state\",'=2+5.state\n"
         );
     }
 

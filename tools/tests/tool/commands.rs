@@ -1061,3 +1061,44 @@ fn a_watch_is_written_as_csv() {
     );
     assert!(text.lines().count() > 2, "{text}");
 }
+
+#[test]
+fn a_bundle_that_cannot_be_written_says_why_and_nothing_else() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("bundle.zip");
+    // A file may have 512 bytes, and a write beyond them fails.
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 1; exec {TOOL} bundle --sim generic --yes --out {}",
+        file.display()
+    );
+    let bundle = ended(Command::new("sh").args(["-c", &script]).output().unwrap());
+    assert_eq!(bundle.code, Some(2), "{}", bundle.output);
+    let last = bundle.errors.lines().last().unwrap_or_default();
+    assert!(last.starts_with("error: "), "{}", bundle.errors);
+    assert!(!bundle.errors.contains("ZipWriter"), "{}", bundle.errors);
+    assert!(!file.exists());
+}
+
+#[test]
+fn a_parameter_file_that_is_not_there_is_named_before_the_line_is_touched() {
+    let refused = servocrab("params --interface nowhere0 apply nowhere.toml --yes");
+    assert_eq!(refused.code, Some(2));
+    assert!(
+        refused.errors.contains("nowhere.toml") && !refused.errors.contains("nowhere0"),
+        "{}",
+        refused.errors
+    );
+}
+
+#[test]
+fn a_machine_s_file_is_replaced_as_a_whole_and_not_written_over() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("machine.toml");
+    let kept = directory.path().join("kept.toml");
+    std::fs::write(&file, "cycle_us = 2000\n").unwrap();
+    std::fs::hard_link(&file, &kept).unwrap();
+    with_code(0, &format!("init --sim generic {} --yes", file.display()));
+    let text = |file: &Path| std::fs::read_to_string(file).unwrap();
+    assert_eq!(text(&kept), "cycle_us = 2000\n");
+    assert!(text(&file).contains("kind = \"generic\""));
+}
