@@ -15,13 +15,8 @@ use std::{error::Error, process::ExitCode, time::Duration};
 use clap::Parser;
 use interrupt::Interrupt;
 use servocrab::{
-    axis::{Axis, AxisError, Failure},
-    bus::{AxisConfig, DriveConfig, Network},
-    coe::obj,
-    drives,
-    homing::{HomingMethod, HomingParameters},
-    link::Wire,
-    profile_position::SetPoint,
+    Axis, AxisConfig, AxisError, DriveConfig, Failure, HomingMethod, HomingParameters, Network,
+    SetPoint, coe::obj, drives, link::Wire,
 };
 use servocrab_sim::{Segment, ds402::Machine, personality::Servo};
 

@@ -16,11 +16,10 @@ use std::{
 
 use clap::Parser;
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DevicePlace, DriveConfig, Expected, IoConfig, Network, NetworkBuilder},
+    AxisConfig, DriveConfig, Network, Referencing, SetPoint,
+    bus::{DevicePlace, Expected, IoConfig, NetworkBuilder},
     drives,
     link::Wire,
-    profile_position::SetPoint,
 };
 use servocrab_sim::{
     Segment,

@@ -16,15 +16,13 @@ use std::{
 use clap::Parser;
 use ethercrab::{MainDevice, MainDeviceConfig, PduRx, PduStorage, PduTx, Timeouts};
 use servocrab::{
-    axis::{
-        AxisCore, AxisFields, Command, CommandId, CoreConfig, Event, Inputs, Referencing,
-        StopRequest,
-    },
+    Referencing, SetPoint, StopRequest,
+    axis::{AxisCore, AxisFields, Command, CommandId, CoreConfig, Event, Inputs},
     bus::arm_watchdog,
     coe::AxisOffset,
     drives,
     ds402::State,
-    profile_position::{MoveCommand, Parameters, Reference, SetPoint},
+    profile_position::{MoveCommand, Parameters, Reference},
 };
 use servocrab_sim::{Segment, personality};
 use smol::LocalExecutor;

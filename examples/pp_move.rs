@@ -17,10 +17,7 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use interrupt::Interrupt;
 use servocrab::{
-    axis::{Axis, AxisError, Referencing},
-    bus::{AxisConfig, DriveConfig, Network},
-    drives,
-    profile_position::{Outcome, SetPoint},
+    Axis, AxisConfig, AxisError, DriveConfig, Network, Outcome, Referencing, SetPoint, drives,
 };
 use smol::future;
 

@@ -16,12 +16,8 @@ use std::{
 
 use clap::Parser;
 use servocrab::{
-    axis::Axis,
-    bus::{DriveConfig, Network, NetworkEvent},
-    drives,
-    homing::{HomingMethod, HomingParameters},
-    link::Wire,
-    profile_position::SetPoint,
+    Axis, DriveConfig, HomingMethod, HomingParameters, Network, SetPoint, bus::NetworkEvent,
+    drives, link::Wire,
 };
 use servocrab_sim::{Segment, personality};
 

@@ -136,13 +136,24 @@ mod log_target {
     pub const BUS: &str = "servocrab::bus";
 }
 
-// What most programs name.
-pub use axis::Referencing;
+// What most programs name. It has no other path.
+pub use axis::command::StopRequest;
+pub use axis::config::Referencing;
 #[cfg(feature = "std")]
-pub use bus::{AxisConfig, DriveConfig, Network, NetworkError};
+pub use bus::{
+    device::{
+        config::{AxisConfig, DriveConfig},
+        io::{IoInput, IoOutput},
+    },
+    error::NetworkError,
+    network::Network,
+};
 #[cfg(feature = "std")]
 pub use handle::{
     Axis, AxisError, Homing, Move, Outcome, ProfilePosition, ProfileVelocity, start_together,
 };
-pub use homing::{HomingMethod, HomingParameters};
-pub use profile_position::{BufferMode, Doubt, Failure, FailureClass, SetPoint};
+pub use homing::parameters::{HomingMethod, HomingParameters};
+pub use profile_position::{
+    failure::{Doubt, Failure, FailureClass},
+    set_point::{BufferMode, SetPoint},
+};

@@ -20,12 +20,11 @@ use std::{
 };
 
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, BusLoop, DriveConfig, Network},
+    AxisConfig, DriveConfig, Network, Referencing, SetPoint,
+    bus::BusLoop,
     coe::{Emergencies, SdoHandle, information::ListKind, obj},
     drives,
     link::{Fate, Wire},
-    profile_position::SetPoint,
 };
 use servocrab_sim::{Habits, Segment, personality::Servo};
 

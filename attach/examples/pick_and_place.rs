@@ -18,12 +18,12 @@ use std::{
 
 use clap::Parser;
 use servocrab::{
-    axis::{Axis, AxisError, Failure, start_together},
-    bus::{AxisConfig, CycleClock, DriveConfig, Network, NetworkBuilder},
+    Axis, AxisConfig, AxisError, BufferMode, DriveConfig, Failure, HomingMethod, HomingParameters,
+    Network, SetPoint,
+    bus::{CycleClock, NetworkBuilder},
     drives,
-    homing::{HomingMethod, HomingParameters},
     link::Wire,
-    profile_position::{BufferMode, SetPoint},
+    start_together,
     units::{Mm, Ratio, Scale},
 };
 use servocrab_attach::Attach;

@@ -12,9 +12,7 @@ use axum::{
 use serde::Deserialize;
 use serde_json::{Value, json};
 use servocrab::{
-    AxisError, BufferMode, Outcome, SetPoint,
-    bus::NetworkError,
-    homing::{HomingMethod, HomingParameters},
+    AxisError, BufferMode, HomingMethod, HomingParameters, NetworkError, Outcome, SetPoint,
     units::Scale,
 };
 use tokio::time::timeout;

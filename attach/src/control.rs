@@ -18,7 +18,7 @@ use axum::{
 };
 use serde::Deserialize;
 use serde_json::{Value, json};
-use servocrab::{axis::Failure, profile_velocity::JogSetPoint};
+use servocrab::{Failure, profile_velocity::JogSetPoint};
 use tokio::{
     sync::{mpsc, watch},
     time::{MissedTickBehavior, interval},

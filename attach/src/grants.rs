@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use servocrab::{Axis, bus::Network, coe::ObjectAddress, units::Scale};
+use servocrab::{Axis, Network, coe::ObjectAddress, units::Scale};
 use tokio::sync::mpsc;
 
 use crate::AttachError;

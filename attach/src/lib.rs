@@ -5,7 +5,7 @@
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+//! use servocrab::{DriveConfig, Network, drives, link::Wire};
 //! # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
 //! # let wire = Wire::new(move |frame, now| segment.process(frame, now));
 //! # let runtime = tempfile::tempdir()?;

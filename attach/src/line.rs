@@ -33,7 +33,7 @@ pub(crate) async fn line(State(shown): State<Shown>) -> Json<Value> {
 /// All devices of the line with their states and what their ports have counted, read over the line now.
 pub(crate) async fn devices(State(shown): State<Shown>) -> Result<Json<Value>, Refusal> {
     let _turn = shown.turn().await?;
-    let not_read = |error: servocrab::bus::NetworkError| {
+    let not_read = |error: servocrab::NetworkError| {
         Refusal::new(StatusCode::BAD_GATEWAY, "line", error.to_string())
     };
     let states = shown.view.device_states().await.map_err(not_read)?;

@@ -20,8 +20,8 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use servocrab::{
     coe::{
-        AbortCode, DriveId, ObjectAddress, RemoteRequest, RemoteTransfer, RemoteTransfers,
-        SdoError, SdoHandle, Transfer, Unsupported,
+        AbortCode, DriveId, NoInformation, ObjectAddress, RemoteRequest, RemoteTransfer,
+        RemoteTransfers, SdoError, SdoHandle, Transfer,
     },
     sii::Identity,
 };
@@ -347,8 +347,8 @@ pub(crate) fn query(of: &impl serde::Serialize) -> String {
 fn sdo_error(transfer: Transfer, error: ClientError) -> SdoError {
     match error {
         ClientError::Refused { code, abort, .. } if code == NOT_SUPPORTED => {
-            let reason = abort.map_or(Unsupported::Sii, |abort| {
-                Unsupported::Service(AbortCode(abort))
+            let reason = abort.map_or(NoInformation::Sii, |abort| {
+                NoInformation::Service(AbortCode(abort))
             });
             SdoError::NotSupported { transfer, reason }
         }

@@ -14,7 +14,7 @@ use axum::{
 };
 use serde_json::{Map, Value, json};
 use servocrab::{
-    axis::StopRequest,
+    StopRequest,
     bus::{Durations, NetworkEvent, NetworkView, NoSignal, Signal},
     ds402::Controlword,
 };

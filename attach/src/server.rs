@@ -21,7 +21,7 @@ use hyper_util::{
     service::TowerToHyperService,
 };
 use rustix::process::geteuid;
-use servocrab::bus::Network;
+use servocrab::Network;
 use tokio::{
     io::{AsyncRead, AsyncWrite},
     net::{TcpListener, TcpStream, UnixListener, UnixStream},

@@ -12,7 +12,7 @@ use servocrab::{
     AxisError,
     axis::AxisErrorKind,
     bus::NetworkView,
-    coe::{DriveError, ObjectAddress, SdoError, SdoHandle, Unsupported},
+    coe::{DriveError, NoInformation, ObjectAddress, SdoError, SdoHandle},
 };
 use tokio::{
     sync::{Semaphore, SemaphorePermit},
@@ -163,7 +163,7 @@ pub(crate) fn sdo_refusal(error: &DriveError) -> Refusal {
     let abort = match error.error {
         SdoError::Aborted { code, .. }
         | SdoError::NotSupported {
-            reason: Unsupported::Service(code),
+            reason: NoInformation::Service(code),
             ..
         } => Some(code.0),
         _ => None,

@@ -15,7 +15,10 @@ use axum::{
     extract::ws::{Message, WebSocket},
 };
 use serde_json::json;
-use servocrab::bus::{NetworkError, NetworkView, RecordedCycles, Recorder, Signal};
+use servocrab::{
+    NetworkError,
+    bus::{NetworkView, RecordedCycles, Recorder, Signal},
+};
 use tokio::{
     sync::broadcast::{self, error::RecvError},
     time::{MissedTickBehavior, interval, timeout},

@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 use std::{
-    io::{Read, Write},
+    io::{ErrorKind, Read, Write},
     net::{SocketAddr, TcpStream},
     os::unix::net::UnixStream,
     sync::{Arc, Mutex},
@@ -736,7 +736,9 @@ fn a_client_of_the_stream_that_sends_too_long_a_message_is_let_go() {
         match socket.read() {
             Ok(Message::Close(_)) => break true,
             Ok(_) => {}
-            Err(tungstenite::Error::Io(error)) if error.kind() == ErrorKind::WouldBlock => break false,
+            Err(tungstenite::Error::Io(error)) if error.kind() == ErrorKind::WouldBlock => {
+                break false;
+            }
             Err(_) => break true,
         }
     };

@@ -8,7 +8,8 @@ use std::{
 
 use ethercrab::{PduStorage, std::tx_rx_task};
 use servocrab::{
-    bus::{AlState, BringUpStep, DriveConfig, Network, NetworkBuilder},
+    DriveConfig, Network,
+    bus::{AlState, BringUpStep, NetworkBuilder},
     drives,
 };
 

@@ -16,8 +16,8 @@ use std::{
 };
 
 use servocrab::{
-    axis::Axis,
-    bus::{BusLoop, DriveConfig, Network, WaitStrategy},
+    Axis, DriveConfig, Network,
+    bus::{BusLoop, WaitStrategy},
     coe::obj,
     drives,
     link::{Link, RawSocket, RawSocketError},

@@ -12,12 +12,8 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, Referencing},
-    bus::{AxisConfig, BusLoop, DriveConfig, Network},
-    drives,
-    link::Wire,
-    pdo_map::Direction,
-    profile_position::{ProfilePosition, SetPoint},
+    Axis, AxisConfig, DriveConfig, Network, ProfilePosition, Referencing, SetPoint, bus::BusLoop,
+    drives, link::Wire, pdo_map::Direction,
 };
 use servocrab_sim::{Segment, personality};
 

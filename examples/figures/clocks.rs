@@ -6,11 +6,7 @@ use std::{
 };
 
 use plotters::prelude::RGBColor;
-use servocrab::{
-    bus::{DistributedClock, DriveConfig, Network},
-    drives,
-    link::Wire,
-};
+use servocrab::{DriveConfig, Network, bus::DistributedClock, drives, link::Wire};
 use servocrab_sim::{Segment, personality};
 
 use crate::{

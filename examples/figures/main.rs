@@ -21,11 +21,12 @@ use std::{
 use clap::Parser;
 use picture::{Bit, Panel, Picture, Recorder, Step, Word, lock};
 use servocrab::{
-    axis::{AxisError, AxisErrorKind, Failure, Referencing, Tolerances},
-    bus::{AxisConfig, BusLoop, DriveConfig, Network},
+    AxisConfig, AxisError, BufferMode, DriveConfig, Failure, Move, Network, ProfilePosition,
+    Referencing, SetPoint,
+    axis::{AxisErrorKind, Tolerances},
+    bus::BusLoop,
     drives::{self, DriveDescription},
     link::Wire,
-    profile_position::{BufferMode, Move, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{Device, Segment, personality};
 

@@ -21,13 +21,9 @@ use std::{
 use clap::Parser;
 use picture::{Bit, Picture, Recorder, Word, lock};
 use servocrab::{
-    axis::{self, Axis, AxisError, AxisErrorKind, Failure, Referencing},
-    bus::{AxisConfig, DriveConfig, Network},
-    coe::obj,
-    drives,
-    link::Wire,
-    parameters::StartUpWrite,
-    profile_position::{BufferMode, Move, Outcome, ProfilePosition, SetPoint},
+    Axis, AxisConfig, AxisError, BufferMode, DriveConfig, Failure, Move, Network, Outcome,
+    ProfilePosition, Referencing, SetPoint, axis::AxisErrorKind, coe::obj, drives, link::Wire,
+    parameters::StartUpWrite, start_together,
 };
 use servocrab_sim::{Segment, personality};
 
@@ -173,7 +169,7 @@ async fn start_both(
         .deceleration(100_000);
     story.says(X, "together with y: abs(0)");
     story.says(Y, "together with x: abs(12 000)");
-    let both = axis::start_together([x.abs(0, gentle), y.abs(12_000, gentle)]).await?;
+    let both = start_together([x.abs(0, gentle), y.abs(12_000, gentle)]).await?;
     for (axis, motion) in both.iter().enumerate() {
         story.ends(axis, motion).await?;
     }

@@ -3,6 +3,8 @@
 
 #![allow(dead_code, unused_imports, reason = "the models use part of each file")]
 
+pub(crate) use servocrab::{Failure, StopRequest};
+
 mod axis;
 mod bus;
 mod models;

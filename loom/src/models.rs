@@ -12,7 +12,8 @@ use std::{
 
 use loom::thread;
 use servocrab::{
-    axis::{Completion, Failure, Snapshot},
+    Failure,
+    axis::{Completion, Snapshot},
     ds402::{Controlword, Mode, Statusword},
 };
 
@@ -138,6 +139,9 @@ fn snapshot(cycle: u64) -> Snapshot {
         mode: Mode::from_raw(cycle as i8),
         position: cycle as i32,
         velocity: -(cycle as i32),
+        following_error: None,
+        torque: None,
+        error_code: None,
         halted: false,
         has_set_point: false,
         referenced: false,

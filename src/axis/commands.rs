@@ -2,16 +2,18 @@
 //! in `machines.rs`.
 
 use crate::{
+    Failure,
     ds402::{Mode, PowerGoal, State},
     homing::HomingCommand,
     profile_position::{
-        CommandId, Completion, Delivery, Failure, MoveCommand, Reference, StartBits, Unsupported,
+        CommandId, Completion, Delivery, MoveCommand, Reference, StartBits, Unsupported,
     },
     profile_velocity::JogSetPoint,
 };
 
 use super::{
-    Command, CoreConfig, Referencing,
+    Command, CoreConfig,
+    config::Referencing,
     fields::not_mapped,
     machines::{Machines, Resuming, Step, halts_under_control},
     power::{Power, Reset, is_down},

@@ -13,7 +13,7 @@ use super::AxisFields;
 ///
 /// ```
 /// use core::time::Duration;
-/// use servocrab::{axis::{CoreConfig, AxisFields, Deadlines, Referencing}, coe::AxisOffset, drives};
+/// use servocrab::{Referencing, axis::{AxisFields, CoreConfig, Deadlines}, coe::AxisOffset, drives};
 ///
 /// let drive = drives::akd2g();
 /// let layout = drive.default_mapping()?.layout();
@@ -132,7 +132,7 @@ impl CoreConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tolerances {
     /// Position units between target and 6064h at arrival, and within which a standing axis stays. `Tolerances::default()` has 10. A
-    /// [`Network`](crate::bus::Network) takes the drive's position window 6067h in its place, but only for an axis that is given no `Tolerances`.
+    /// [`Network`](crate::Network) takes the drive's position window 6067h in its place, but only for an axis that is given no `Tolerances`.
     pub position: u32,
     /// How long 6064h must stay within the window to count as standing, and as not on its way.
     pub settle: Duration,
@@ -249,7 +249,7 @@ impl Default for Loss {
 /// [`Failure::NotReferenced`](super::Failure::NotReferenced); relative moves, homing and jogging need no reference.
 ///
 /// ```
-/// use servocrab::{axis::Referencing, bus::{AxisConfig, DriveConfig}, drives};
+/// use servocrab::{AxisConfig, DriveConfig, Referencing, drives};
 /// let drive = DriveConfig::new(drives::akd2g())
 ///     .axis(AxisConfig::new("lift").referencing(Referencing::AbsoluteEncoder))
 ///     .axis("belt"); // this one must be homed before its first absolute move
@@ -258,7 +258,7 @@ impl Default for Loss {
 #[non_exhaustive]
 pub enum Referencing {
     /// By a homing that was attained. The next homing takes the reference away until it is attained. So does every loss of the drive,
-    /// until [`Network::recover`](crate::bus::Network::recover) finds that the drive has kept its power: then the axis is referenced again.
+    /// until [`Network::recover`](crate::Network::recover) finds that the drive has kept its power: then the axis is referenced again.
     /// A fault alone takes nothing away; a program that knows better homes again.
     ///
     /// A drive that shows that it is homed ([`Traits::homed`](crate::profile_position::Traits::homed)) is asked whenever the axis
@@ -279,7 +279,7 @@ pub enum Referencing {
 ///
 /// ```
 /// # use std::time::Duration;
-/// use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// use servocrab::{DriveConfig, Network, drives, link::Wire};
 /// # smol::block_on(async {
 /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::generic());
 /// # let link = Wire::new(move |frame: &mut [u8], now: Duration| segment.process(frame, now));

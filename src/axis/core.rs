@@ -8,13 +8,15 @@ use alloc::boxed::Box;
 use core::time::Duration;
 
 use crate::{
+    Failure,
     ds402::{Controlword, Mode},
-    profile_position::{Bounds, CommandId, Event, Failure, Quiet},
+    profile_position::{Bounds, CommandId, Event, Quiet},
     timer::{Elapsed, nanoseconds},
 };
 
 use super::{
-    Command, CoreConfig, Inputs, Snapshot, StopRequest,
+    Command, CoreConfig, Inputs, Snapshot,
+    command::StopRequest,
     commands::check_jog_velocity,
     machines::{Machines, Step},
     observed::{Aside, News, Observed},

@@ -1,10 +1,11 @@
 //! Where the axis' objects lie in its drive's process data.
 
 use crate::{
+    Failure,
     coe::{AnyObject, AxisOffset, ObjectAddress, obj},
     ds402::{Mode, Sample, Statusword},
     pdo_map::{Direction, Layout},
-    profile_position::{Failure, ParameterFault, Parameters},
+    profile_position::{ParameterFault, Parameters},
     profile_velocity::JogSetPoint,
 };
 

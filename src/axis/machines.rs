@@ -5,17 +5,19 @@
 use core::time::Duration;
 
 use crate::{
+    Failure,
     ds402::{Controlword, Mode, ModeBits, PowerCommand, State, Statusword},
     profile_position::{
-        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, Failure, LastSeen,
-        Quiet, Rules, WaitingFor,
+        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, LastSeen, Quiet,
+        Rules, WaitingFor,
     },
     timer::{Due, Elapsed, Timer},
 };
 
 use super::{
-    CoreConfig, Referencing,
+    CoreConfig,
     brake::{self, Brake},
+    config::Referencing,
     mode::{ModeStepped, Modes},
     observed::{Aside, Observed},
     outputs::{ComposedWord, Outgoing, Outputs},

@@ -4,9 +4,9 @@
 //! the bus thread of a `Network` or by a program with a cyclic exchange of its own. Read `core.rs` first, then `machines.rs`.
 
 mod brake;
-mod command;
+pub(crate) mod command;
 mod commands;
-mod config;
+pub(crate) mod config;
 mod core;
 mod deceleration;
 mod fields;
@@ -21,12 +21,12 @@ mod stopping;
 mod tests;
 
 pub use self::core::AxisCore;
-pub use crate::profile_position::{
-    CommandId, Completion, Delivery, Doubt, Event, Failure, FailureClass, Inhibit, ParameterFault,
-    Unrest, Unsupported, WaitingFor, WorkingCounter,
+pub use crate::profile_position::events::{CommandId, Completion, Event};
+pub use crate::profile_position::failure::{
+    Delivery, Inhibit, ParameterFault, Unrest, Unsupported, WaitingFor, WorkingCounter,
 };
-pub use command::{Command, StopRequest};
-pub use config::{CoreConfig, Deadlines, DriveSettings, Loss, Referencing, Tolerances};
+pub use command::Command;
+pub use config::{CoreConfig, Deadlines, DriveSettings, Loss, Tolerances};
 pub use fields::{AxisFields, FieldError};
 pub use snapshot::{Inputs, Snapshot};
 
@@ -41,8 +41,7 @@ pub(crate) use snapshot::SnapshotChange;
 
 #[cfg(feature = "std")]
 pub use crate::handle::{
-    Axis, AxisError, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
-    AxisStatistics, BoxFuture, Field, GroupQueue, Groups, Liveness, LivenessWatch, MotionEnd,
-    NoParameters, OutputField, ParameterAccess, Sampled, Stale, StartTogether, StopHandle,
-    start_together,
+    AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, AxisStatistics,
+    BoxFuture, GroupQueue, Groups, InputField, Liveness, LivenessWatch, MotionEnd, NoParameters,
+    OutputField, ParameterAccess, Sampled, Stale, StartTogether, StopHandle,
 };

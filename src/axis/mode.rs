@@ -1,10 +1,11 @@
 //! The active mode: whose bits and set-points are in the outputs, and how one mode gives way to another.
 
 use crate::{
+    Failure,
     ds402::{Mode, ModeBits, State},
     homing::{HomingVerdict, Procedure},
     profile_position::{
-        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters, Quiet,
+        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Parameters, Quiet,
         Sequencer, WaitingFor,
     },
     profile_velocity::{JogStep, Jogging},

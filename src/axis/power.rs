@@ -3,8 +3,9 @@
 use core::time::Duration;
 
 use crate::{
+    Failure,
     ds402::{PowerCommand, PowerGoal, State, Statusword, next_command},
-    profile_position::{CommandId, Completion, Delivery, Failure, Inhibit, WaitingFor},
+    profile_position::{CommandId, Completion, Delivery, Inhibit, WaitingFor},
     timer::{Due, Timer},
 };
 

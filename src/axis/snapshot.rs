@@ -91,7 +91,9 @@ impl Snapshot {
         Snapshot {
             position: scale.position_in::<U>(self.position),
             velocity: scale.velocity_in::<U>(self.velocity),
-            following_error: self.following_error.map(|error| scale.position_in::<U>(error)),
+            following_error: self
+                .following_error
+                .map(|error| scale.position_in::<U>(error)),
             torque: self.torque,
             error_code: self.error_code,
             cycle: self.cycle,

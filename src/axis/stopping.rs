@@ -5,8 +5,9 @@
 //! (decisions 19 and 20).
 
 use crate::{
+    Failure,
     ds402::State,
-    profile_position::{CommandId, Completion, Delivery, Failure, WaitingFor},
+    profile_position::{CommandId, Completion, Delivery, WaitingFor},
     timer::{Due, Elapsed, Timer, UntilSeen, nanoseconds},
 };
 

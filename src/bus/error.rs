@@ -4,13 +4,14 @@
 use std::{fmt, time::Duration};
 
 use crate::{
-    axis::{AxisError, AxisIdentity, FieldError},
+    AxisError,
+    axis::{AxisIdentity, FieldError},
     bus::{cable::CableLoad, expected::LineMismatch, real_time::RealTimeError},
     coe::{DriveError, DriveId, LinkRefusal, ObjectAddress, SdoError},
     ds402::State,
     link::RawSocketError,
     parameters::StartUpError,
-    pdo_map::{ConfigureError, MappingError, MappingWrite, verify::Differences},
+    pdo_map::{ConfigureError, MappingError, MappingWrite, verify::MappingDifferences},
     sii::SiiError,
 };
 
@@ -293,7 +294,7 @@ pub enum DriveFault {
     },
     /// The drive holds another mapping than was written.
     #[error(transparent)]
-    MappingDiffers(Differences),
+    MappingDiffers(MappingDifferences),
     /// A line of a start-up list could not be written.
     #[error(transparent)]
     StartUp(#[from] StartUpError),

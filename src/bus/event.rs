@@ -3,12 +3,12 @@
 use std::{fmt, sync::Arc};
 
 use crate::{
+    axis::WorkingCounter,
     bus::{
         cycle::black_box::BlackBox,
         error::{AlStatus, RegisterError},
     },
     coe::DriveId,
-    profile_position::WorkingCounter,
 };
 
 /// Something that happened to a drive of a running network.

@@ -26,7 +26,8 @@ use thread_priority::{
 use tracing::{Dispatch, Level, dispatcher, level_filters::LevelFilter, subscriber::NoSubscriber};
 
 use crate::{
-    axis::{AxisIdentity, StopRequest},
+    StopRequest,
+    axis::AxisIdentity,
     bus::{
         error::{AlError, AlState, AlStatus, BringUpStep, NetworkError},
         event::{ClockEvent, Miscounted, NetworkEvent, Recovered},
@@ -552,7 +553,9 @@ mod tests {
 
     use super::*;
     use crate::{
-        axis::{AxisIdentity, StopRequest},
+        StopRequest,
+        axis::AxisIdentity,
+        axis::WorkingCounter,
         bus::{
             BringUpStep,
             error::{AlError, AlState, AlStatus},
@@ -560,7 +563,6 @@ mod tests {
         },
         coe::{DriveId, MailboxRecord},
         ds402::{Controlword, State, Statusword},
-        profile_position::WorkingCounter,
         sii::Identity,
         wakes::WakeStatistics,
     };

@@ -18,13 +18,13 @@
 mod cable;
 mod clocks;
 mod cycle;
-mod device;
-mod error;
+pub(crate) mod device;
+pub(crate) mod error;
 mod event;
 mod expected;
 mod line;
 mod log;
-mod network;
+pub(crate) mod network;
 mod real_time;
 mod recorder;
 mod requests;
@@ -35,23 +35,19 @@ pub use clocks::DistributedClock;
 pub use cycle::CycleClock;
 pub use cycle::black_box::{Answered, AxisIncident, BlackBox, RecordedCycle};
 pub use cycle::statistics::{ClockStatistics, DriveStatistics, Durations, Statistics, Timing};
-pub use device::config::{AxisConfig, DriveConfig};
-pub use device::io::{
-    Io, IoConfig, IoError, IoErrorKind, IoInput, IoOutput, IoStatus, IoValue,
-};
+pub use device::io::{Io, IoConfig, IoError, IoErrorKind, IoStatus, IoValue};
 pub use device::io_points::{IoPoint, PointName};
 pub use device::progress::BringUpProgress;
 pub use error::{
-    AlError, AlState, AlStatus, BringUpStep, DriveFault, EepromError, MovingAxis, NetworkError,
-    NotStopped, ReferenceClock, RegisterError, SettingError, SyncManagerError, TopologyError,
-    WatchdogState,
+    AlError, AlState, AlStatus, BringUpStep, DriveFault, EepromError, MovingAxis, NotStopped,
+    ReferenceClock, RegisterError, SettingError, SyncManagerError, TopologyError, WatchdogState,
 };
 pub use event::{ClockEvent, DeviceFinding, Finding, Miscounted, NetworkEvent, Recovered};
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, LineVerdict, Present};
 pub use network::builder::{NetworkBuilder, Starting};
 pub use network::scan::{Line, LineDevice};
 pub use network::view::{AxisView, NetworkView};
-pub use network::{Network, NetworkEvents, NetworkStop};
+pub use network::{NetworkEvents, NetworkStop};
 pub use real_time::{RealTime, RealTimeError, Scheduling};
 pub use recorder::{
     Capture, NoSignal, RecordedCycles, RecordedSignal, RecordedValues, Recorder, Signal, Trigger,

@@ -18,7 +18,7 @@ use thread_priority::{
 /// `servocrab doctor` looks at a machine beforehand.
 ///
 /// ```no_run
-/// use servocrab::bus::{Network, RealTime, Scheduling};
+/// use servocrab::{Network, bus::{RealTime, Scheduling}};
 /// let builder = Network::builder().interface("eth0").real_time(
 ///     RealTime::new()
 ///         .scheduling(Scheduling::Fifo(80))

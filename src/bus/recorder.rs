@@ -7,7 +7,7 @@ use std::{collections::VecDeque, sync::Arc, time::Duration};
 
 use super::cycle::black_box::{CycleRecord, CycleRing, RingLook};
 use crate::{
-    coe::{AnyObject, DataType, ObjectAddress, Unit, obj},
+    coe::{AnyObject, DataType, ObjectAddress, ObjectUnit, obj},
     ds402::{State, Statusword},
     pdo_map::BitRange,
     units::AxisScale,
@@ -195,7 +195,7 @@ pub(in crate::bus) enum SignalSource {
         is_input: bool,
         place: BitRange,
         data_type: DataType,
-        scaled: Unit,
+        scaled: ObjectUnit,
         scale: AxisScale,
     },
     State {
@@ -335,9 +335,9 @@ impl Recorder {
                 let raw = number(place.read(bytes)?, *place, *data_type);
                 let scale = scale.scale();
                 Some(match scaled {
-                    Unit::Position => scale.position_of(raw),
-                    Unit::Velocity => scale.velocity_of(raw),
-                    Unit::Acceleration => scale.acceleration_of(u32::try_from(raw).ok()?),
+                    ObjectUnit::Position => scale.position_of(raw),
+                    ObjectUnit::Velocity => scale.velocity_of(raw),
+                    ObjectUnit::Acceleration => scale.acceleration_of(u32::try_from(raw).ok()?),
                     _ => raw as f64,
                 })
             }

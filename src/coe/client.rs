@@ -27,7 +27,7 @@ use smol::future::or;
 use super::emergencies::{Emergencies, EmergencyQueue, Received};
 use super::emergency::Emergency;
 use super::error::AbortCode;
-use super::error::{DriveId, ErrorTexts, SdoError, SdoStep, Transfer, Unsupported};
+use super::error::{DriveId, ErrorTexts, NoInformation, SdoError, SdoStep, Transfer};
 use super::handle::{
     Answer, Call, RemoteRequest, Request, RequestReceiver, SdoHandle, Served, Server, calls,
 };
@@ -249,7 +249,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         let (transfer, timeout) = (request.transfer, request.timeout);
         let dialogue = &mut request.dialogue;
         if dialogue.is_question() && !self.settings.sdo_information {
-            return Err(Failure::NoService(Unsupported::Sii));
+            return Err(Failure::NoService(NoInformation::Sii));
         }
         if self.owes_like(transfer) {
             self.resynchronise(transfer, timeout).await?;
@@ -960,7 +960,7 @@ impl Dialogue {
                 if nothing_late =>
             {
                 let code = AbortCode(u32::from_le_bytes([c0, c1, c2, c3]));
-                return Err(Failure::NoService(Unsupported::Service(code)));
+                return Err(Failure::NoService(NoInformation::Service(code)));
             }
             _ => Ok(TransferStep::Foreign),
         };
@@ -1022,13 +1022,13 @@ impl Dialogue {
         let is_about_all = matches!(question, Question::Counts | Question::List(_));
         let reason = match &error {
             SdoError::Mailbox { error, .. } if error.is_about_the_service() => {
-                Unsupported::MailboxMessage(*error)
+                NoInformation::MailboxMessage(*error)
             }
             SdoError::Aborted { code, .. }
                 if is_about_all
                     && matches!(*code, AbortCode::COMMAND | AbortCode::UNSUPPORTED_ACCESS) =>
             {
-                Unsupported::Service(*code)
+                NoInformation::Service(*code)
             }
             _ => return error,
         };
@@ -1045,7 +1045,7 @@ pub(super) enum Failure {
     Fault(SdoFault),
     Refused(MailboxError),
     /// The device has no SDO information.
-    NoService(Unsupported),
+    NoService(NoInformation),
     NotTaken,
     NoReply,
     /// The late reply of an earlier transfer has not come, nor any other.

@@ -89,7 +89,7 @@ impl fmt::Display for EmergencyReport {
 /// are counted, and the number is reported in their place ([`EmergencyReport::Overflow`]).
 ///
 /// ```no_run
-/// # async fn example(net: &servocrab::bus::Network) {
+/// # async fn example(net: &servocrab::Network) {
 /// use smol::stream::StreamExt;
 /// let mut emergencies = net.all_emergencies().stream();
 /// while let Some(report) = emergencies.next().await {

@@ -82,7 +82,7 @@ pub enum SdoError {
         /// What was attempted.
         transfer: Transfer,
         /// How this is known.
-        reason: Unsupported,
+        reason: NoInformation,
     },
     /// The device refused the message for its form.
     #[error("{transfer}: device refused the message: {error}")]
@@ -190,7 +190,7 @@ impl SdoError {
 /// How it is known that a device has no SDO information.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Unsupported {
+pub enum NoInformation {
     /// Its SII says so (CoE details); it was not asked.
     Sii,
     /// It refuses the message.
@@ -199,7 +199,7 @@ pub enum Unsupported {
     Service(AbortCode),
 }
 
-impl fmt::Display for Unsupported {
+impl fmt::Display for NoInformation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Sii => f.write_str("its SII says so"),

@@ -30,7 +30,7 @@ use crate::wakes::Waiters;
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # use servocrab::{DriveConfig, Network, drives, link::Wire};
 /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
 /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");

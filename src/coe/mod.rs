@@ -7,20 +7,20 @@
 mod client;
 #[cfg(feature = "std")]
 mod emergencies;
-pub mod emergency;
-pub mod error;
+mod emergency;
+mod error;
 #[cfg(feature = "std")]
 mod handle;
 pub mod information;
 pub mod mailbox;
 pub mod obj;
-pub mod object;
+mod object;
 pub mod sdo;
 #[cfg(all(test, feature = "std"))]
 pub(crate) mod test_device;
 #[cfg(feature = "std")]
 mod transport;
-pub mod value;
+pub(crate) mod value;
 
 #[cfg(feature = "std")]
 pub use client::{Clock, MailboxClient, MailboxSettings};
@@ -33,14 +33,12 @@ pub use emergencies::{DriveEmergency, Emergencies, EmergencyReport};
 pub use emergency::Emergency;
 pub use error::AbortCode;
 pub use error::{
-    DriveError, DriveId, DriveNumber, ErrorTexts, SdoError, SdoStep, Transfer, TransferKind,
-    Unsupported,
+    DriveError, DriveId, DriveNumber, ErrorTexts, NoInformation, SdoError, SdoStep, Transfer,
+    TransferKind,
 };
 #[cfg(feature = "std")]
 pub use handle::{RemoteRequest, RemoteTransfer, RemoteTransfers, SdoHandle};
-pub use information::{DictionaryObject, ObjectDictionary, Undescribed};
-pub use mailbox::MailboxError;
-pub use object::{AnyObject, AxisOffset, Mappable, NoAddress, Object, ObjectAddress, Unit};
+pub use object::{AnyObject, AxisOffset, Mappable, NoAddress, Object, ObjectAddress, ObjectUnit};
 #[cfg(feature = "std")]
 pub use transport::{EthercrabMailbox, LinkFault, LinkRefusal, MailboxStatus, MailboxTransport};
 pub use value::{

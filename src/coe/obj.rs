@@ -3,7 +3,7 @@
 
 use alloc::vec::Vec;
 
-use super::object::{Mappable, Object, Unit};
+use super::object::{Mappable, Object, ObjectUnit};
 use super::value::{ReadOnly, ReadWrite};
 
 const RX: Mappable = Mappable::OUTPUTS;
@@ -15,7 +15,7 @@ macro_rules! objects {
             #[doc = concat!(stringify!($index), ":", stringify!($subindex), ", ", $name, ".")]
             pub const $constant: Object<$ty, $access> = Object::new($index, $subindex, $name)
                 .mappable($mappable)
-                .unit(Unit::$unit);
+                .unit(ObjectUnit::$unit);
         )+
 
         /// All objects of this list, in ascending order of index and subindex.

@@ -9,20 +9,20 @@ use super::value::{Access, DataType, ReadWrite, Value};
 /// An object of the dictionary with the type `T` of its value and its access `A`.
 ///
 /// ```
-/// use servocrab::coe::{Object, ReadWrite, Unit, obj};
+/// use servocrab::coe::{Object, ReadWrite, ObjectUnit, obj};
 ///
 /// // The constants of `obj` cover the standard's objects …
 /// assert_eq!(obj::POSITION_WINDOW_TIME.to_string(), "6068h:00 position window time");
 /// assert_eq!(obj::TARGET_POSITION.axis(2).index(), 0x687A);
 /// // … and a manufacturer's own object is declared the same way.
-/// const MIN_VELOCITY: Object<u16, ReadWrite> = Object::new(0x2010, 0, "min profile velocity").unit(Unit::Velocity);
+/// const MIN_VELOCITY: Object<u16, ReadWrite> = Object::new(0x2010, 0, "min profile velocity").unit(ObjectUnit::Velocity);
 /// assert_eq!(MIN_VELOCITY.index(), 0x2010);
 /// ```
 pub struct Object<T, A = ReadWrite> {
     index: u16,
     subindex: u8,
     name: &'static str,
-    unit: Unit,
+    unit: ObjectUnit,
     mappable: Mappable,
     kind: PhantomData<fn() -> (T, A)>,
 }
@@ -35,7 +35,7 @@ impl<T, A> Object<T, A> {
             index,
             subindex,
             name,
-            unit: Unit::None,
+            unit: ObjectUnit::None,
             mappable: Mappable::NO,
             kind: PhantomData,
         }
@@ -43,7 +43,7 @@ impl<T, A> Object<T, A> {
 
     /// The same object with the unit of its value.
     #[must_use]
-    pub const fn unit(mut self, unit: Unit) -> Self {
+    pub const fn unit(mut self, unit: ObjectUnit) -> Self {
         self.unit = unit;
         self
     }
@@ -96,7 +96,7 @@ impl<T, A> Object<T, A> {
 
     /// The unit of the value.
     #[must_use]
-    pub const fn value_unit(&self) -> Unit {
+    pub const fn value_unit(&self) -> ObjectUnit {
         self.unit
     }
 
@@ -143,7 +143,7 @@ pub struct AnyObject {
     /// The directions in which it may be mapped into a PDO.
     pub mappable: Mappable,
     /// The unit of the value.
-    pub unit: Unit,
+    pub unit: ObjectUnit,
     /// The name.
     pub name: &'static str,
 }
@@ -331,7 +331,7 @@ impl Mappable {
 /// The unit of an object's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
-pub enum Unit {
+pub enum ObjectUnit {
     /// None: a word of bits, a code, a ratio.
     #[default]
     None,

@@ -4,7 +4,7 @@ use super::{AxisDescription, DriveDescription};
 use bitflags::bitflags;
 
 use crate::coe::{ErrorTexts, obj};
-use crate::pdo_map::Limits;
+use crate::pdo_map::MappingLimits;
 use crate::profile_position::{
     BufferSignal, HomedSignal, LimitsOff, LimitsRule, RelativeBase, Traits,
 };
@@ -65,10 +65,10 @@ pub fn akd2g() -> DriveDescription {
         ],
         fixed_pdos: alloc::vec::Vec::new(),
         error_texts: ErrorTexts::default(),
-        limits: Limits {
+        limits: MappingLimits {
             output_bytes: 64,
             input_bytes: 64,
-            ..Limits::default()
+            ..MappingLimits::default()
         },
         // "Profile Position Mode": bit 5 starts at once, bit 9 with bit 5 low blends, bit 12 follows bit 4, a halt keeps
         // the set-point. Its example has bits 5 and 6 one word before bit 4. What relative moves count from is not documented.

@@ -2,7 +2,7 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::coe::{ErrorTexts, obj};
-use crate::pdo_map::Limits;
+use crate::pdo_map::MappingLimits;
 use crate::profile_position::{BufferSignal, StartBits, Traits};
 
 /// A Beckhoff AX2000.
@@ -10,7 +10,7 @@ use crate::profile_position::{BufferSignal, StartBits, Traits};
 /// From its manual: bit 5 of the controlword selects single set-points or sets of set-points. There is no bit 9. A target is passed
 /// without stopping only with linear ramps. 6086h is 0 (linear) or 1 (sin²). Page 102 says which value of bit 5 is which: with 1
 /// the next set-point is processed after the active one is reached, without a stop. Nothing replaces an active set-point, so
-/// [`BufferMode::Aborting`](crate::profile_position::BufferMode::Aborting) is refused. Bit 12 is 1 from the recognition of a set-point
+/// [`BufferMode::Aborting`](crate::BufferMode::Aborting) is refused. Bit 12 is 1 from the recognition of a set-point
 /// until the next one can be taken. Assumed, because the manual is that of CANopen: the PDOs 1600h and 1A00h. Its product code is
 /// not in the manual; any of the vendor's is accepted.
 #[must_use]
@@ -25,7 +25,7 @@ pub fn ax2000() -> DriveDescription {
         axes: alloc::vec![axis],
         fixed_pdos: alloc::vec::Vec::new(),
         error_texts: ErrorTexts::default(),
-        limits: Limits::default(),
+        limits: MappingLimits::default(),
         traits: Traits {
             immediately: StartBits::Unsupported(
                 "this drive always ends the active set-point first: use Buffered or Blending, or stop the axis",
@@ -47,7 +47,7 @@ pub fn ax2000() -> DriveDescription {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::profile_position::BufferMode;
+    use crate::BufferMode;
 
     #[test]
     fn bit_5_blends_and_nothing_replaces() {

@@ -2,7 +2,7 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::coe::ErrorTexts;
-use crate::pdo_map::Limits;
+use crate::pdo_map::MappingLimits;
 use crate::profile_position::{RelativeBase, Traits};
 
 /// One axis with the standard's objects in 1600h and 1A00h. Those behind the eighth are in 1601h and 1A01h. It matches any vendor and
@@ -20,10 +20,10 @@ pub fn generic() -> DriveDescription {
         }],
         fixed_pdos: alloc::vec::Vec::new(),
         error_texts: ErrorTexts::default(),
-        limits: Limits {
+        limits: MappingLimits {
             // Many drives take eight objects in one PDO and no more.
             entries_per_pdo: 8,
-            ..Limits::default()
+            ..MappingLimits::default()
         },
         traits: Traits {
             relative_base: RelativeBase::PositioningOption,

@@ -7,7 +7,7 @@ use alloc::borrow::Cow;
 use alloc::vec::Vec;
 
 use crate::coe::{AnyObject, AxisOffset, ErrorTexts, obj};
-use crate::pdo_map::{Demand, Direction, FixedPdo, Limits, Mapping, MappingError, choose};
+use crate::pdo_map::{Demand, Direction, FixedPdo, Mapping, MappingError, MappingLimits, choose};
 use crate::profile_position::Traits;
 use crate::sii::Identity;
 
@@ -66,7 +66,7 @@ pub struct DriveDescription {
     /// and the free ones of the axes those are [chosen](choose) that hold what is wanted. `pdo_map::read_offered` reads them from a drive.
     pub fixed_pdos: Vec<FixedPdo>,
     /// What a mapping may hold at most.
-    pub limits: Limits,
+    pub limits: MappingLimits,
     /// What its error codes mean, beyond CiA 402: for the texts of its emergencies.
     pub error_texts: ErrorTexts,
     /// How its Profile Position mode behaves.

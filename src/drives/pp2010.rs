@@ -2,7 +2,7 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::coe::{ErrorTexts, obj};
-use crate::pdo_map::Limits;
+use crate::pdo_map::MappingLimits;
 use crate::profile_position::{BufferSignal, StartBits, Traits};
 
 /// The drive with object 2010h (`Min_Profile_Velocity`, the speed at which ramps start and end).
@@ -23,7 +23,7 @@ pub fn pp2010() -> DriveDescription {
         axes: alloc::vec![axis],
         fixed_pdos: alloc::vec::Vec::new(),
         error_texts: ErrorTexts::default(),
-        limits: Limits::default(),
+        limits: MappingLimits::default(),
         traits: Traits {
             blend: StartBits::Unsupported(
                 "this drive stops at every target: its documents name no bit 9",

@@ -4,7 +4,7 @@ use alloc::collections::BTreeMap;
 
 use super::{AxisDescription, DriveDescription};
 use crate::coe::{DriveNumber, ErrorTexts};
-use crate::pdo_map::Limits;
+use crate::pdo_map::MappingLimits;
 use crate::profile_position::{LimitsActive, LimitsOff, LimitsRule, Traits};
 
 /// A Yaskawa Σ-7 (SGD7S).
@@ -37,11 +37,11 @@ pub fn sigma7() -> DriveDescription {
             }),
             ..ErrorTexts::default()
         },
-        limits: Limits {
+        limits: MappingLimits {
             entries_per_pdo: 8,
             output_pdos: 2,
             input_pdos: 2,
-            ..Limits::default()
+            ..MappingLimits::default()
         },
         traits: Traits {
             limits: LimitsRule {

@@ -3,7 +3,7 @@
 use super::device::{EsiDevice, EsiPdo};
 use crate::coe::{AnyObject, AxisOffset, ErrorTexts, ObjectAddress, obj};
 use crate::drives::{AxisDescription, DriveDescription};
-use crate::pdo_map::{Direction, FixedPdo, Limits};
+use crate::pdo_map::{Direction, FixedPdo, MappingLimits};
 use crate::profile_position::{RelativeBase, Traits};
 
 /// Axes for which the profile has room.
@@ -22,7 +22,7 @@ pub struct NoAxis {
     pub slots: usize,
 }
 
-/// An ESI file's device that cannot be a drive of a network: [`DriveConfig::from_esi`](crate::bus::DriveConfig::from_esi).
+/// An ESI file's device that cannot be a drive of a network: [`DriveConfig::from_esi`](crate::DriveConfig::from_esi).
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EsiDriveError {
@@ -39,7 +39,7 @@ impl EsiDevice {
     ///
     /// An axis for each controlword. PDOs with a fixed content are fixed, or all where the drive does not let them be filled
     /// (`PdoConfig`). The others are free, those that are assigned by default before the rest. Each is for the axis whose objects
-    /// it holds by default. Limits come from the number of subindices of 16xxh, 1Axxh, 1C12h and 1C13h in the dictionary, and from
+    /// it holds by default. MappingLimits come from the number of subindices of 16xxh, 1Axxh, 1C12h and 1C13h in the dictionary, and from
     /// `MaxSize` of the sync managers, the synchronisation types from the defaults of 1C32h:1 and 1C33h:1. What an axis exchanges is what the usual Profile Position needs of what the file has.
     ///
     /// How bits 5, 9, 10 and 12 behave is in no ESI file: the traits are those of [`generic`](crate::drives::generic). Change them
@@ -172,7 +172,7 @@ impl EsiDevice {
             })
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> MappingLimits {
         let last_of = |index: u16| {
             let entries = self
                 .dictionary
@@ -183,7 +183,7 @@ impl EsiDevice {
                 .max()
                 .filter(|last| *last > 0)
         };
-        let usual = Limits::default();
+        let usual = MappingLimits::default();
         let free = self.pdos.iter().filter(|pdo| !self.is_fixed(pdo));
         let mut entries: Vec<_> = free
             .filter_map(|pdo| Some((pdo.pdo.index, last_of(pdo.pdo.index)?)))
@@ -199,7 +199,7 @@ impl EsiDevice {
             let most = manager.and_then(|manager| manager.most_bytes);
             most.map_or(otherwise, usize::from)
         };
-        Limits {
+        MappingLimits {
             entries_per_pdo: fewest.unwrap_or(usual.entries_per_pdo),
             other_pdos: entries,
             output_pdos: last_of(0x1C12).unwrap_or(usual.output_pdos),

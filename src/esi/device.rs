@@ -7,7 +7,7 @@ use std::fmt;
 use super::xml::{Element, EsiError, EsiFault, Max, quoted};
 use crate::coe::{Mappable, ObjectAddress};
 use crate::parameters::{ObjectValue, StartUpList, StartUpWrite, Transition};
-use crate::pdo_map::{Direction, Entry, Pdo};
+use crate::pdo_map::{Direction, Entry, MappedPdo};
 
 /// Subindices that a mapping object has room for (CiA 301, object 1600h).
 const MOST_ENTRIES_OF_A_PDO: usize = 254;
@@ -65,7 +65,7 @@ pub struct EsiSyncManager {
 #[non_exhaustive]
 pub struct EsiPdo {
     /// Index and content by default.
-    pub pdo: Pdo,
+    pub pdo: MappedPdo,
     /// Which way its data go.
     pub direction: Direction,
     /// The name.
@@ -296,7 +296,7 @@ fn read_pdo(
         ))
     };
     Ok(EsiPdo {
-        pdo: Pdo {
+        pdo: MappedPdo {
             index,
             entries: element
                 .children("Entry")

@@ -1,6 +1,6 @@
 //! ESI files: what a maker says of its devices in XML (`EtherCATInfo`, ETG.2000), with the feature `esi`.
 //!
-//! From an [`EsiDevice`] comes a drive of a network in one call: [`DriveConfig::from_esi`](crate::bus::DriveConfig::from_esi). It consists of a
+//! From an [`EsiDevice`] comes a drive of a network in one call: [`DriveConfig::from_esi`](crate::DriveConfig::from_esi). It consists of a
 //! [`DriveDescription`](crate::drives::DriveDescription) ([`EsiDevice::description`]) and a start-up list of its `InitCmd`s
 //! ([`EsiDevice::start_up_list`]). [`EsiDevice::compare`] gives
 //! a table of what a drive has otherwise.

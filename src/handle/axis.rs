@@ -9,7 +9,8 @@ use core::{
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::{
-    axis::{Command, CommandedMode, Completion, DriveSettings, Failure, Snapshot, StopRequest},
+    Failure, StopRequest,
+    axis::{Command, CommandedMode, Completion, DriveSettings, Snapshot},
     coe::{
         AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError, Transfer, obj,
     },
@@ -26,20 +27,20 @@ use super::{
 /// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
 ///
 /// When the last of them, and of everything that came from them ([`ProfilePosition`],
-/// [`Move`](crate::profile_position::Move), [`Jog`](crate::profile_velocity::Jog) …), is dropped, a moving axis is stopped; see
+/// [`Move`](crate::Move), [`Jog`](crate::profile_velocity::Jog) …), is dropped, a moving axis is stopped; see
 /// [`keep_moving_on_drop`](Self::keep_moving_on_drop).
 ///
 /// None of its stops is a safety function in the sense of the safety standards (STO, SS1).
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+/// # use servocrab::{AxisConfig, DriveConfig, Network, drives, link::Wire};
 /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
-/// # let drive = DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("x").referencing(servocrab::axis::Referencing::AbsoluteEncoder));
+/// # let drive = DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("x").referencing(servocrab::Referencing::AbsoluteEncoder));
 /// # smol::block_on(async {
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
-/// use servocrab::profile_position::SetPoint;
+/// use servocrab::SetPoint;
 /// let x = net.axis("x")?;
 /// x.enable().await?;
 /// let profile_position = x.profile_position().await?;
@@ -57,15 +58,15 @@ use super::{
 /// ```
 ///
 /// Positions, velocities and ramps of the handle, of its leases and of what comes of them are in its unit: the drive's own
-/// [`Counts`], or what the axis was declared in ([`Network::axis_in`](crate::bus::Network::axis_in)). Behind it the axis counts; nothing
+/// [`Counts`], or what the axis was declared in ([`Network::axis_in`](crate::Network::axis_in)). Behind it the axis counts; nothing
 /// else is different. A number that cannot be converted is refused as [`AxisErrorKind::Scale`], and nothing is written then.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+/// # use servocrab::{AxisConfig, DriveConfig, Network, drives, link::Wire};
 /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
-/// use servocrab::{axis::Axis, profile_position::SetPoint, units::{Degree, Mm, Ratio, Scale}};
+/// use servocrab::{Axis, SetPoint, units::{Degree, Mm, Ratio, Scale}};
 /// # let drive = DriveConfig::new(drives::akd2g())
 /// #     .axis(AxisConfig::new("slide").unit::<Mm>(Scale::counts_per_unit(Ratio::new(1000, 1)?))).axis(AxisConfig::new("turret").unit::<Degree>(Scale::counts_per_unit(Ratio::new(3600, 360)?)));
 /// # smol::block_on(async {
@@ -87,7 +88,7 @@ use super::{
 /// What belongs to one unit does not fit another:
 ///
 /// ```compile_fail,E0308
-/// use servocrab::{axis::{Axis, AxisError}, profile_position::{Outcome, ProfilePosition, SetPoint}, units::{Degree, Mm}};
+/// use servocrab::{Axis, AxisError, Outcome, ProfilePosition, SetPoint, units::{Degree, Mm}};
 /// const FAST: SetPoint<Mm> = SetPoint::new().velocity(200.0);
 /// async fn turn(turret: &ProfilePosition<Degree>) -> Result<(), AxisError> {
 ///     turret.move_abs(90.0, FAST).await?; // millimetres per second
@@ -96,7 +97,7 @@ use super::{
 /// ```
 ///
 /// ```compile_fail,E0308
-/// use servocrab::{axis::Axis, units::{Degree, Mm}};
+/// use servocrab::{Axis, units::{Degree, Mm}};
 /// fn turn(turret: &Axis<Degree>) {}
 /// fn mistaken(slide: &Axis<Mm>) {
 ///     turn(slide);
@@ -104,14 +105,14 @@ use super::{
 /// ```
 ///
 /// ```compile_fail,E0308
-/// use servocrab::{axis::AxisError, profile_position::{Move, Outcome}, units::{Degree, Mm}};
+/// use servocrab::{AxisError, Move, Outcome, units::{Degree, Mm}};
 /// async fn arrived(moved: Move<Mm>) -> Result<Outcome<Degree>, AxisError> {
 ///     moved.done().await
 /// }
 /// ```
 ///
 /// ```compile_fail,E0308
-/// use servocrab::{axis::AxisError, profile_position::{ProfilePosition, SetPoint}};
+/// use servocrab::{AxisError, ProfilePosition, SetPoint};
 /// async fn counts(pp: &ProfilePosition) -> Result<(), AxisError> {
 ///     pp.move_abs(2.5, SetPoint::new()).await?; // counts are whole
 ///     Ok(())
@@ -147,11 +148,11 @@ impl Axis {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{AxisConfig, DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
-    /// # let drive = DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("x").referencing(servocrab::axis::Referencing::AbsoluteEncoder));
-    /// use servocrab::{profile_position::SetPoint, units::{Mm, Ratio}};
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("x").referencing(servocrab::Referencing::AbsoluteEncoder));
+    /// use servocrab::{SetPoint, units::{Mm, Ratio}};
     /// # smol::block_on(async {
     /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
     /// let axis = net.axis("x")?;
@@ -219,7 +220,7 @@ impl<U: AxisUnit> Axis<U> {
     ///
     /// # Errors
     /// With the reason for which the drive refuses: a fault, local control, no supply, or a deadline.
-    /// [`Failure::Busy`](crate::axis::Failure::Busy) while another command changes the axis' state, or where a stop that is not sent yet
+    /// [`Failure::Busy`](crate::Failure::Busy) while another command changes the axis' state, or where a stop that is not sent yet
     /// has ended another enable. When the bus is lost.
     pub async fn enable(&self) -> Result<(), AxisError> {
         self.run(Command::Enable).await?;
@@ -231,8 +232,8 @@ impl<U: AxisUnit> Axis<U> {
     /// abandoned.
     ///
     /// # Errors
-    /// [`Failure::Fault`](crate::axis::Failure::Fault) when a fault overtakes the stop of an axis that moves. Also when the drive ignores the
-    /// quick stop of that ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored)), when a deadline passes, or the bus is lost.
+    /// [`Failure::Fault`](crate::Failure::Fault) when a fault overtakes the stop of an axis that moves. Also when the drive ignores the
+    /// quick stop of that ([`QuickStopIgnored`](crate::Failure::QuickStopIgnored)), when a deadline passes, or the bus is lost.
     pub async fn disable(&self) -> Result<(), AxisError> {
         self.run(Command::Disable).await?;
         self.trace("disabled");
@@ -242,8 +243,8 @@ impl<U: AxisUnit> Axis<U> {
     /// Out of Fault, to Switch on disabled. It never enables. An axis without a fault stays as it is.
     ///
     /// # Errors
-    /// [`Failure::Fault`](crate::axis::Failure::Fault) if the drive keeps its fault. [`Failure::Busy`](crate::axis::Failure::Busy) while another
-    /// reset is under way. [`Failure::Disabled`](crate::axis::Failure::Disabled) where the axis is disabled meanwhile. Also when the axis is not
+    /// [`Failure::Fault`](crate::Failure::Fault) if the drive keeps its fault. [`Failure::Busy`](crate::Failure::Busy) while another
+    /// reset is under way. [`Failure::Disabled`](crate::Failure::Disabled) where the axis is disabled meanwhile. Also when the axis is not
     /// seen to stand within the deadline for standstill, or the bus is lost.
     pub async fn reset_fault(&self) -> Result<(), AxisError> {
         self.run(Command::ResetFault).await?;
@@ -277,7 +278,7 @@ impl<U: AxisUnit> Axis<U> {
     /// program that waits for a state, and looks at `status` for it, polls this once before it looks.
     ///
     /// ```
-    /// # async fn example(axis: servocrab::axis::Axis) {
+    /// # async fn example(axis: servocrab::Axis) {
     /// while let Some(status) = axis.changed().await {
     ///     println!("{:?} at {}", status.state, status.position);
     /// }
@@ -308,7 +309,7 @@ impl<U: AxisUnit> Axis<U> {
     ///
     /// # Errors
     /// [`Unsupported::Halt`](crate::profile_position::Unsupported::Halt) where 605Dh is 0: nothing was sent, and the axis moves on. Call [`stop`](Self::stop).
-    /// [`HaltIgnored`](crate::axis::Failure::HaltIgnored) when the axis does not get slower: bit 8 stays set, and the axis still moves. Call
+    /// [`HaltIgnored`](crate::Failure::HaltIgnored) when the axis does not get slower: bit 8 stays set, and the axis still moves. Call
     /// `stop` or [`quick_stop`](Self::quick_stop). That shows after 0.2 s at 8000 counts/s and more, and later for a slower axis (1.9 s at
     /// 200 counts/s), at the latest when the deadline for standstill passes. Also in Fault, when a deadline passes, or the bus is lost.
     pub async fn halt(&self) -> Result<(), AxisError> {
@@ -320,11 +321,11 @@ impl<U: AxisUnit> Axis<U> {
     /// Goes on after a halt; resolves when a frame with bit 8 low has been sent.
     ///
     /// # Errors
-    /// [`Failure::Busy`](crate::axis::Failure::Busy) while the halt is not sent yet: it is in the next frame all the same. Also while another
+    /// [`Failure::Busy`](crate::Failure::Busy) while the halt is not sent yet: it is in the next frame all the same. Also while another
     /// resume is not sent yet.
-    /// [`Failure::Halted`](crate::axis::Failure::Halted) or [`Failure::QuickStopped`](crate::axis::Failure::QuickStopped) where a stop has come
+    /// [`Failure::Halted`](crate::Failure::Halted) or [`Failure::QuickStopped`](crate::Failure::QuickStopped) where a stop has come
     /// before that frame: bit 8 has not fallen.
-    /// [`Failure::Disabled`](crate::axis::Failure::Disabled) where the axis is disabled before it.
+    /// [`Failure::Disabled`](crate::Failure::Disabled) where the axis is disabled before it.
     /// [`Unsupported::Resume`](crate::profile_position::Unsupported::Resume) if the drive has forgotten its set-point; in
     /// Fault, while not enabled, while moving, or when the bus is lost.
     pub async fn resume(&self) -> Result<(), AxisError> {
@@ -337,8 +338,8 @@ impl<U: AxisUnit> Axis<U> {
     /// A standing axis without a set-point stays as it is.
     ///
     /// # Errors
-    /// [`Failure::Fault`](crate::axis::Failure::Fault) when a fault overtakes it: the axis stands then. Also when the drive ignores the quick stop
-    /// too ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored)), when a deadline passes or the bus is lost.
+    /// [`Failure::Fault`](crate::Failure::Fault) when a fault overtakes it: the axis stands then. Also when the drive ignores the quick stop
+    /// too ([`QuickStopIgnored`](crate::Failure::QuickStopIgnored)), when a deadline passes or the bus is lost.
     pub async fn stop(&self) -> Result<State, AxisError> {
         let state = self.stop_by(Command::Stop).await?;
         self.trace("stopped");
@@ -348,8 +349,8 @@ impl<U: AxisUnit> Axis<U> {
     /// Quick stop (bit 2): the set-point is gone. Gives the state in which the drive stands, which 605Ah decides.
     ///
     /// # Errors
-    /// In Fault (in Fault reaction active it waits until the axis stands), when the drive ignores it ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored), after the same
-    /// time as [`HaltIgnored`](crate::axis::Failure::HaltIgnored)), when a deadline passes, or the bus is lost.
+    /// In Fault (in Fault reaction active it waits until the axis stands), when the drive ignores it ([`QuickStopIgnored`](crate::Failure::QuickStopIgnored), after the same
+    /// time as [`HaltIgnored`](crate::Failure::HaltIgnored)), when a deadline passes, or the bus is lost.
     pub async fn quick_stop(&self) -> Result<State, AxisError> {
         let state = self.stop_by(Command::QuickStop).await?;
         self.trace("quick stopped");

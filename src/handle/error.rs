@@ -4,7 +4,8 @@ use core::{any::TypeId, fmt, time::Duration};
 use std::sync::Arc;
 
 use crate::{
-    axis::{Command, Delivery, Failure},
+    Failure,
+    axis::{Command, Delivery},
     coe::{DriveId, ObjectAddress, SdoError, obj},
     ds402::{Controlword, Statusword},
     pdo_map::LayoutError,

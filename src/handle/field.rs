@@ -12,7 +12,7 @@ use crate::{
 use super::{Axis, AxisError, AxisErrorKind, Sampled, Stale, shared::Shared};
 
 /// A mapped object that the drive sends.
-pub struct Field<T> {
+pub struct InputField<T> {
     shared: Arc<Shared>,
     field: pdo_map::Field<T>,
 }
@@ -32,13 +32,13 @@ impl<U: AxisUnit> Axis<U> {
     pub fn input<T: Number, A: Readable>(
         &self,
         object: Object<T, A>,
-    ) -> Result<Field<T>, AxisError> {
+    ) -> Result<InputField<T>, AxisError> {
         let shared = &self.handles.shared;
-        Field::of(shared, object).map_err(|error| shared.error(AxisErrorKind::Field(error)))
+        InputField::of(shared, object).map_err(|error| shared.error(AxisErrorKind::Field(error)))
     }
 
     /// An object of the first axis' numbering, written through the process data of this axis. Until it is set it is there what
-    /// [`AxisConfig::map_output`](crate::bus::AxisConfig::map_output) says, in a [`Network`](crate::bus::Network): what the drive held at the
+    /// [`AxisConfig::map_output`](crate::AxisConfig::map_output) says, in a [`Network`](crate::Network): what the drive held at the
     /// start, with the brake bit of 60FEh:1 set.
     ///
     /// # Errors
@@ -74,7 +74,7 @@ impl<U: AxisUnit> Axis<U> {
     }
 }
 
-impl<T: Number> Field<T> {
+impl<T: Number> InputField<T> {
     /// An object of the first axis' numbering, where the drive sends it for this axis.
     pub(super) fn of<A: Readable>(
         shared: &Arc<Shared>,
@@ -134,7 +134,7 @@ impl<T: Number> OutputField<T> {
     }
 }
 
-impl<T> Clone for Field<T> {
+impl<T> Clone for InputField<T> {
     fn clone(&self) -> Self {
         Self {
             shared: Arc::clone(&self.shared),
@@ -152,9 +152,9 @@ impl<T> Clone for OutputField<T> {
     }
 }
 
-impl<T: Number + fmt::Debug> fmt::Debug for Field<T> {
+impl<T: Number + fmt::Debug> fmt::Debug for InputField<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Field").field(&self.last()).finish()
+        f.debug_tuple("InputField").field(&self.last()).finish()
     }
 }
 

@@ -119,12 +119,12 @@ impl<U: AxisUnit> ProfilePosition<U> {
     /// that waits is withdrawn, and those that the drive holds are executed. A move of another axis is such a failure as well
     /// ([`AxisErrorKind::OtherAxis`]), and is not sent.
     ///
-    /// Give the moves [`BufferMode::Buffered`](crate::profile_position::BufferMode::Buffered) or [`BufferMode::Blending`](crate::profile_position::BufferMode::Blending): one with
-    /// [`BufferMode::Aborting`](crate::profile_position::BufferMode::Aborting) supersedes those before it, which is a failure of theirs.
+    /// Give the moves [`BufferMode::Buffered`](crate::BufferMode::Buffered) or [`BufferMode::Blending`](crate::BufferMode::Blending): one with
+    /// [`BufferMode::Aborting`](crate::BufferMode::Aborting) supersedes those before it, which is a failure of theirs.
     ///
     /// ```no_run
-    /// # async fn path(pp: &servocrab::profile_position::ProfilePosition) -> Result<(), servocrab::axis::AxisError> {
-    /// use servocrab::profile_position::{SetPoint, BufferMode};
+    /// # async fn path(pp: &servocrab::ProfilePosition) -> Result<(), servocrab::AxisError> {
+    /// use servocrab::{BufferMode, SetPoint};
     ///
     /// let blend = SetPoint::new().velocity(20_000).buffer_mode(BufferMode::Blending);
     /// let there = [1_000, 4_000, 9_000].map(|target| pp.abs(target, blend));
@@ -302,7 +302,7 @@ impl<U: AxisUnit, S> fmt::Debug for Follow<'_, S, U> {
 ///
 /// ```
 /// #![deny(unused_must_use)]
-/// # use servocrab::profile_position::{PathError, ProfilePosition, SetPoint};
+/// # use servocrab::{ProfilePosition, SetPoint, profile_position::PathError};
 /// async fn path(pp: &ProfilePosition) -> Result<(), PathError> {
 ///     let mut path = pp.follow([pp.abs(1, SetPoint::new())]);
 ///     let _ = path.next().await;
@@ -313,7 +313,7 @@ impl<U: AxisUnit, S> fmt::Debug for Follow<'_, S, U> {
 ///
 /// ```compile_fail
 /// #![deny(unused_must_use)]
-/// # use servocrab::profile_position::{PathError, ProfilePosition, SetPoint};
+/// # use servocrab::{ProfilePosition, SetPoint, profile_position::PathError};
 /// async fn path(pp: &ProfilePosition) -> Result<(), PathError> {
 ///     pp.follow([pp.abs(1, SetPoint::new())]);
 ///     Ok(())
@@ -322,7 +322,7 @@ impl<U: AxisUnit, S> fmt::Debug for Follow<'_, S, U> {
 ///
 /// ```compile_fail
 /// #![deny(unused_must_use)]
-/// # use servocrab::profile_position::{PathError, ProfilePosition, SetPoint};
+/// # use servocrab::{ProfilePosition, SetPoint, profile_position::PathError};
 /// async fn path(pp: &ProfilePosition) -> Result<(), PathError> {
 ///     let mut path = pp.follow([pp.abs(1, SetPoint::new())]);
 ///     path.next().await;
@@ -333,7 +333,7 @@ impl<U: AxisUnit, S> fmt::Debug for Follow<'_, S, U> {
 ///
 /// ```compile_fail
 /// #![deny(unused_must_use)]
-/// # use servocrab::profile_position::{PathError, ProfilePosition, SetPoint};
+/// # use servocrab::{ProfilePosition, SetPoint, profile_position::PathError};
 /// async fn path(pp: &ProfilePosition) -> Result<(), PathError> {
 ///     pp.follow([pp.abs(1, SetPoint::new())]).finish().await;
 ///     Ok(())

@@ -10,10 +10,11 @@ use core::{
 };
 
 use crate::{
-    axis::{Command, Completion, Delivery, Failure, ParameterFault, WaitingFor},
+    Failure, HomingParameters,
+    axis::{Command, Completion, Delivery, ParameterFault, WaitingFor},
     coe::{Number, Object, Writable, obj},
     ds402::Mode,
-    homing::{HomingCommand, HomingParameters},
+    homing::HomingCommand,
     units::{AxisUnit, Counts},
 };
 
@@ -25,8 +26,8 @@ use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pending::Pen
 ///
 /// ```
 /// # use core::time::Duration;
-/// use servocrab::homing::{HomingMethod, HomingParameters};
-/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// use servocrab::{HomingMethod, HomingParameters};
+/// # use servocrab::{DriveConfig, Network, drives, link::Wire};
 /// # use servocrab_sim::{Segment, personality::Servo};
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// # smol::block_on(async {

@@ -23,6 +23,7 @@ mod profile_position;
 mod profile_velocity;
 mod queue;
 mod request;
+mod sampled;
 mod setup;
 mod shared;
 mod signals;
@@ -40,7 +41,7 @@ use crate::axis::Snapshot;
 
 pub use axis::Axis;
 pub use error::{AxisError, AxisErrorKind, AxisIdentity};
-pub use field::{Field, OutputField};
+pub use field::{InputField, OutputField};
 pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
 pub use homing::{Home, Homed, Homing};
 pub use port::AxisPort;

@@ -9,7 +9,8 @@ use core::{
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::{
-    axis::{AxisFields, Delivery, Failure},
+    Failure,
+    axis::{AxisFields, Delivery},
     coe::{Number, Object, ObjectAddress, Writable, obj},
     profile_position::Parameters,
 };

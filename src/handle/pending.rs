@@ -3,7 +3,10 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 use std::sync::Arc;
 
-use crate::axis::{Command, Completion, Failure};
+use crate::{
+    Failure,
+    axis::{Command, Completion},
+};
 
 use super::{
     AxisError, AxisErrorKind,

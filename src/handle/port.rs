@@ -7,9 +7,10 @@ use core::{sync::atomic::Ordering, time::Duration};
 use std::sync::Arc;
 
 use crate::{
+    Failure, StopRequest,
     axis::{
-        AxisCore, Command, CommandId, CoreConfig, Delivery, DriveSettings, Event, Failure,
-        Reattach, Snapshot, SnapshotChange, StopRequest, Unsupported, WorkingCounter,
+        AxisCore, Command, CommandId, CoreConfig, Delivery, DriveSettings, Event, Reattach,
+        Snapshot, SnapshotChange, Unsupported, WorkingCounter,
     },
     ds402::{Controlword, Mode},
     wakes::stored,
@@ -184,7 +185,7 @@ impl AxisPort {
         self.pass_events(core);
     }
 
-    /// Ends it all: every future of this axis resolves with [`Failure::BusLost`](crate::axis::Failure::BusLost), the last snapshot says that the drive
+    /// Ends it all: every future of this axis resolves with [`Failure::BusLost`](crate::Failure::BusLost), the last snapshot says that the drive
     /// is lost, and new commands are refused.
     ///
     /// A request that is sent at the same time stays without a result, and its future finds that the network has ended.

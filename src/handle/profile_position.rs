@@ -10,8 +10,9 @@ use core::{
 use std::sync::Arc;
 
 use crate::{
-    axis::{Command, Completion, Failure, ParameterFault},
-    profile_position::{MoveCommand, Reference, SetPoint},
+    Failure, SetPoint,
+    axis::{Command, Completion, ParameterFault},
+    profile_position::{MoveCommand, Reference},
     units::{AxisUnit, Counts},
 };
 
@@ -30,13 +31,13 @@ use super::{
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+/// # use servocrab::{AxisConfig, DriveConfig, Network, drives, link::Wire};
 /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
-/// # let drive = DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("x").referencing(servocrab::axis::Referencing::AbsoluteEncoder));
+/// # let drive = DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("x").referencing(servocrab::Referencing::AbsoluteEncoder));
 /// # smol::block_on(async {
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
-/// use servocrab::profile_position::{Outcome, SetPoint, BufferMode};
+/// use servocrab::{BufferMode, Outcome, SetPoint};
 /// let x = net.axis("x")?;
 /// x.enable().await?;
 /// let profile_position = x.profile_position().await?;
@@ -102,12 +103,12 @@ impl<U: AxisUnit> ProfilePosition<U> {
         self.rel(distance, set_point).send().await
     }
 
-    /// A move to a position that is not sent yet, for [`start_together`](crate::axis::start_together) and [`follow`](Self::follow).
+    /// A move to a position that is not sent yet, for [`start_together`](crate::start_together) and [`follow`](Self::follow).
     pub fn abs(&self, target: U::Signed, set_point: SetPoint<U>) -> MoveRequest<U> {
         self.request(Reference::Absolute, target, set_point)
     }
 
-    /// A move by a distance that is not sent yet, for [`start_together`](crate::axis::start_together) and [`follow`](Self::follow).
+    /// A move by a distance that is not sent yet, for [`start_together`](crate::start_together) and [`follow`](Self::follow).
     pub fn rel(&self, distance: U::Signed, set_point: SetPoint<U>) -> MoveRequest<U> {
         self.request(Reference::Relative, distance, set_point)
     }

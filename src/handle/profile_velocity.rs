@@ -3,7 +3,8 @@
 use core::marker::PhantomData;
 
 use crate::{
-    axis::{Command, Failure, ParameterFault, TARGET_VELOCITY, Unsupported},
+    Failure,
+    axis::{Command, ParameterFault, TARGET_VELOCITY, Unsupported},
     ds402::Mode,
     profile_position::Parameters,
     profile_velocity::JogSetPoint,
@@ -19,8 +20,8 @@ use super::{Axis, AxisError, AxisErrorKind, axis::Lease, parameters::BySdo, pend
 ///
 /// ```
 /// # use core::time::Duration;
-/// use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives};
-/// # use servocrab::{bus::Network, link::Wire};
+/// use servocrab::{AxisConfig, DriveConfig, coe::obj, drives};
+/// # use servocrab::{Network, link::Wire};
 /// # use servocrab_sim::{Segment, personality};
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// # smol::block_on(async {
@@ -185,8 +186,8 @@ impl<U: AxisUnit> Jog<U> {
     ///
     /// ```
     /// # use core::time::Duration;
-    /// # use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives};
-    /// # use servocrab::{bus::Network, link::Wire};
+    /// # use servocrab::{AxisConfig, DriveConfig, coe::obj, drives};
+    /// # use servocrab::{Network, link::Wire};
     /// # use servocrab_sim::{Segment, personality};
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// # smol::block_on(async {
@@ -196,7 +197,7 @@ impl<U: AxisUnit> Jog<U> {
     /// #     .axis(AxisConfig::new("lift").map_output(obj::TARGET_VELOCITY));
     /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
     /// # let lift = net.axis("lift")?;
-    /// use servocrab::{axis::Failure, profile_velocity::JogSetPoint};
+    /// use servocrab::{Failure, profile_velocity::JogSetPoint};
     /// lift.enable().await?;
     /// let pv = lift.profile_velocity().await?;
     /// let jog = pv.jog(JogSetPoint::new(5_000).dead_man(Duration::from_millis(100))).await?;

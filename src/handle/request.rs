@@ -6,7 +6,8 @@
 use core::fmt;
 
 use crate::{
-    axis::{Command, CommandId, Completion, Delivery, Failure},
+    Failure,
+    axis::{Command, CommandId, Completion, Delivery},
     sync::{
         AtomicU8, AtomicU32, AtomicU64, OnceLock,
         Ordering::{AcqRel, Acquire, Release},

@@ -4,7 +4,8 @@ use core::{fmt, future::Future, pin::Pin};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use crate::{
-    axis::{AxisCore, AxisFields, Snapshot, StopRequest},
+    StopRequest,
+    axis::{AxisCore, AxisFields, Snapshot},
     coe::{AxisOffset, Number, Object, ObjectAddress, Readable, SdoError, Transfer},
     pdo_map::Layout,
     units::{AxisScale, AxisUnit},
@@ -13,7 +14,7 @@ use crate::{
 use super::{
     AxisError, AxisIdentity, AxisPort, AxisStatistics, GroupQueue,
     axis::{Axis, Handles},
-    field::Field,
+    field::InputField,
     parameters::Claims,
     shared::Shared,
 };
@@ -157,7 +158,7 @@ impl AxisSource {
 
     /// The value of an object of the first axis' numbering that came last; none where the drive does not send it.
     pub(crate) fn input<T: Number, A: Readable>(&self, object: Object<T, A>) -> Option<T> {
-        let field = Field::of(&self.shared, object);
+        let field = InputField::of(&self.shared, object);
         field.ok()?.last().map(|sampled| sampled.value)
     }
 

@@ -7,7 +7,8 @@ use core::{
 use std::sync::Arc;
 
 use crate::{
-    axis::{AxisCore, Command, Completion, Failure, Snapshot, StopRequest},
+    Failure, StopRequest,
+    axis::{AxisCore, Command, Completion, Snapshot},
     coe::obj,
     pdo_map,
     wakes::Waiters,
@@ -59,7 +60,9 @@ impl Measured {
     fn of(setup: &AxisSetup) -> Self {
         let (layout, offset) = (&setup.layout, setup.offset);
         Self {
-            following_error: layout.input(obj::FOLLOWING_ERROR_ACTUAL.offset(offset)).ok(),
+            following_error: layout
+                .input(obj::FOLLOWING_ERROR_ACTUAL.offset(offset))
+                .ok(),
             torque: layout.input(obj::TORQUE_ACTUAL.offset(offset)).ok(),
             error_code: layout.input(obj::ERROR_CODE.offset(offset)).ok(),
         }

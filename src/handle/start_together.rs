@@ -9,7 +9,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crossbeam_queue::ArrayQueue;
 
 use crate::{
-    axis::{AxisCore, Failure},
+    Failure,
+    axis::AxisCore,
     profile_position::MoveCommand,
     units::AxisUnit,
     wakes::{End, Wakes},
@@ -294,10 +295,10 @@ mod sealed {
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+/// # use servocrab::{AxisConfig, DriveConfig, Network, drives, link::Wire};
 /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
-/// use servocrab::{axis::start_together, profile_position::SetPoint, units::{Degree, Mm, Ratio, Scale}};
+/// use servocrab::{SetPoint, start_together, units::{Degree, Mm, Ratio, Scale}};
 /// # let drive = DriveConfig::new(drives::akd2g())
 /// #     .axis(AxisConfig::new("x").unit::<Mm>(Scale::counts_per_unit(Ratio::new(1000, 1)?))).axis(AxisConfig::new("turret").unit::<Degree>(Scale::counts_per_unit(Ratio::new(3600, 360)?)));
 /// # smol::block_on(async {

@@ -5,10 +5,7 @@ use core::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-use crate::{
-    axis::{Completion, Failure, FailureClass},
-    coe::CodeCounts,
-};
+use crate::{Failure, FailureClass, axis::Completion, coe::CodeCounts};
 
 use super::AxisIdentity;
 

@@ -76,11 +76,6 @@ impl StatusCell {
         latest.head[0].store(cycle, Ordering::Relaxed);
     }
 
-    /// The snapshot that was published last.
-    fn snapshot(&self) -> Snapshot {
-        self.sample(|snapshot, _| snapshot)
-    }
-
     /// What `of` makes of the snapshot that was published last and of its inputs.
     pub fn sample<T>(&self, of: impl Fn(Snapshot, &SampledInputs<'_>) -> T) -> T {
         self.read(|copy| {
@@ -130,7 +125,7 @@ impl SampledInputs<'_> {
     }
 
     /// Eight bytes from `offset` on; those past the end are 0.
-    fn bytes(&self, offset: usize) -> [u8; 8] {
+    pub fn bytes(&self, offset: usize) -> [u8; 8] {
         core::array::from_fn(|n| {
             let at = offset + n;
             let word = self.0.inputs.get(at / 8);
@@ -251,6 +246,9 @@ mod tests {
     fn snapshot(cycle: u64) -> Snapshot {
         let statusword = Statusword::from_bits_retain(cycle as u16);
         Snapshot {
+            following_error: None,
+            torque: None,
+            error_code: None,
             cycle,
             age: cycle as u32,
             answered: cycle.is_multiple_of(2),
@@ -272,7 +270,7 @@ mod tests {
         let cell = StatusCell::new(&snapshot(0), 0);
         for cycle in 0..300 {
             cell.publish(pack(&snapshot(cycle)), Some(&[]));
-            assert_eq!(cell.snapshot(), snapshot(cycle));
+            assert_eq!(cell.sample(|snapshot, _| snapshot), snapshot(cycle));
         }
     }
 
@@ -280,9 +278,15 @@ mod tests {
     fn inputs_are_read_across_words_and_bytes_that_do_not_exist_are_zero() {
         let cell = StatusCell::new(&snapshot(1), 10);
         cell.publish(pack(&snapshot(1)), Some(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]));
-        assert_eq!(cell.inputs(6), [7, 8, 9, 10, 0, 0, 0, 0]);
-        assert_eq!(cell.inputs(0), [1, 2, 3, 4, 5, 6, 7, 8]);
-        assert_eq!(cell.inputs(100), [0; 8]);
+        assert_eq!(
+            cell.sample(|_, inputs| inputs.bytes(6)),
+            [7, 8, 9, 10, 0, 0, 0, 0]
+        );
+        assert_eq!(
+            cell.sample(|_, inputs| inputs.bytes(0)),
+            [1, 2, 3, 4, 5, 6, 7, 8]
+        );
+        assert_eq!(cell.sample(|_, inputs| inputs.bytes(100)), [0; 8]);
     }
 
     #[test]
@@ -291,7 +295,9 @@ mod tests {
         for length in 0..=24 {
             let cell = StatusCell::new(&snapshot(1), length);
             cell.publish(pack(&snapshot(1)), Some(&bytes[..length]));
-            let seen: Vec<u8> = (0..4).flat_map(|word| cell.inputs(8 * word)).collect();
+            let seen: Vec<u8> = (0..4)
+                .flat_map(|word| cell.sample(|_, inputs| inputs.bytes(8 * word)))
+                .collect();
             assert_eq!(seen[..length], bytes[..length]);
             assert!(seen[length..].iter().all(|byte| *byte == 0));
         }
@@ -322,11 +328,11 @@ mod tests {
                 thread::spawn(move || {
                     let mut last = 0;
                     while last < 20_000 {
-                        let seen = cell.snapshot();
+                        let seen = cell.sample(|snapshot, _| snapshot);
                         assert_eq!(seen, snapshot(seen.cycle));
                         assert!(seen.cycle >= last, "time does not go back");
                         last = seen.cycle;
-                        let bytes = cell.inputs(0);
+                        let bytes = cell.sample(|_, inputs| inputs.bytes(0));
                         assert!(bytes.iter().all(|byte| *byte == bytes[0]));
                     }
                 })

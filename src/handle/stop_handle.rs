@@ -6,7 +6,7 @@ use core::{
 };
 use std::sync::Arc;
 
-use crate::{axis::StopRequest, units::AxisUnit};
+use crate::{StopRequest, units::AxisUnit};
 
 use super::{Axis, shared::Shared};
 
@@ -15,7 +15,7 @@ impl<U: AxisUnit> Axis<U> {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");

@@ -4,7 +4,8 @@
 //! refuses a motion whose generation is not the latest any more. So nothing depends on where the two stand in a queue.
 
 use crate::{
-    axis::{Command, Delivery, Failure, StopRequest},
+    Failure, StopRequest,
+    axis::{Command, Delivery},
     ds402::State,
     sync::{
         AtomicU8, AtomicU64,

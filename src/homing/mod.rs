@@ -2,14 +2,13 @@
 //!
 //! The drive does it by itself. The types and the sequencing of bit 4 here are pure.
 
-mod parameters;
+pub(crate) mod parameters;
 mod procedure;
 #[cfg(test)]
 mod tests;
 
-pub use parameters::HomingMethod;
-pub use parameters::{HomingCommand, HomingParameters};
+pub use parameters::HomingCommand;
 pub(crate) use procedure::{HomingVerdict, Procedure};
 
 #[cfg(feature = "std")]
-pub use crate::handle::{Home, Homed, Homing};
+pub use crate::handle::{Home, Homed};

@@ -8,7 +8,7 @@ use crate::units::{AxisUnit, Counts, Quantity, Scale, ScaleError};
 /// others. What is left out is what the drive holds.
 ///
 /// ```
-/// use servocrab::{homing::{HomingMethod, HomingParameters}, units::Mm};
+/// use servocrab::{HomingMethod, HomingParameters, units::Mm};
 /// let slow: HomingParameters = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
 ///     .speeds(10_000, 1_000)
 ///     .acceleration(50_000)
@@ -92,7 +92,7 @@ impl<U: AxisUnit> From<HomingMethod> for HomingParameters<U> {
 ///
 /// ```
 /// use core::time::Duration;
-/// use servocrab::{axis::Command, homing::{HomingCommand, HomingMethod}};
+/// use servocrab::{HomingMethod, axis::Command, homing::HomingCommand};
 /// let homing = HomingCommand {
 ///     method: HomingMethod::CURRENT_POSITION,
 ///     offset: Some(0),
@@ -125,7 +125,7 @@ impl HomingCommand {
 /// Which of them a drive has is in its manual. It refuses others by SDO abort, or by a homing error (bit 13) when it is to begin.
 ///
 /// ```
-/// use servocrab::homing::HomingMethod;
+/// use servocrab::HomingMethod;
 /// assert_eq!(HomingMethod(37), HomingMethod::CURRENT_POSITION);
 /// assert!(!HomingMethod::NEGATIVE_LIMIT.is_motionless());
 /// ```

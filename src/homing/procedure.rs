@@ -9,9 +9,10 @@
 //! 101 error at rest.
 
 use crate::{
+    Failure,
     ds402::{Controlword, ModeBits},
     profile_position::{
-        Bit, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, Failure, WaitingFor,
+        Bit, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, WaitingFor,
     },
     timer::{Due, Lasting, Timer, UntilSeen},
 };

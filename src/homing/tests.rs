@@ -3,10 +3,12 @@
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::{HomingCommand, HomingMethod, HomingVerdict, Procedure};
+use super::{HomingCommand, HomingVerdict, Procedure};
+use crate::HomingMethod;
 use crate::{
+    Failure,
     ds402::{Controlword, ModeBits},
-    profile_position::{CommandId, Completion, Delivery, Event, Events, Eyes, Failure, WaitingFor},
+    profile_position::{CommandId, Completion, Delivery, Event, Events, Eyes, WaitingFor},
     timer::Due,
 };
 

@@ -6,8 +6,8 @@ use super::value::{ObjectValue, ValueType, known_name};
 use crate::coe::information::ObjectCode;
 use crate::coe::value::column_width;
 use crate::coe::{
-    AbortCode, AxisOffset, DriveError, ObjectAddress, ObjectDictionary, SdoError, SdoHandle,
-    TypeCode, obj,
+    AbortCode, AxisOffset, DriveError, ObjectAddress, SdoError, SdoHandle, TypeCode,
+    information::ObjectDictionary, obj,
 };
 use crate::sii::Identity;
 

@@ -117,7 +117,7 @@ impl StartUpWrite {
 /// Built in code, or read from a file by [`StartUpList::load`](StartUpList::load).
 ///
 /// ```
-/// use servocrab::{bus::DriveConfig, coe::obj, drives, parameters::{StartUpList, StartUpWrite}};
+/// use servocrab::{DriveConfig, coe::obj, drives, parameters::{StartUpList, StartUpWrite}};
 /// let list = StartUpList::new()
 ///     .write(StartUpWrite::new(obj::POSITION_WINDOW, 50))
 ///     .write(StartUpWrite::new(obj::QUICK_STOP_DECELERATION, 1_000_000).verified());
@@ -148,8 +148,8 @@ impl StartUpList {
     /// Writes the lines of one transition to a drive, in order, up to the first that fails. A list with a line that no start-up list may
     /// have (6040h, 6041h, 6060h, or a target: 6042h, 6071h, 607Ah, 60FFh, of any axis) is refused as a whole.
     ///
-    /// A [`Network`](crate::bus::Network) does this by itself with the lists of its
-    /// [`DriveConfig`](crate::bus::DriveConfig::start_up).
+    /// A [`Network`](crate::Network) does this by itself with the lists of its
+    /// [`DriveConfig`](crate::DriveConfig::start_up).
     ///
     /// # Errors
     /// [`StartUpError`]: which line failed and how; those before it have been written.

@@ -5,10 +5,10 @@ use alloc::vec::Vec;
 
 use super::layout::Layout;
 use super::mapping::{Direction, Mapping};
-use super::mapping::{Entry, Pdo};
+use super::mapping::{Entry, MappedPdo};
 use super::mapping::{MappingWrite, Plan, Purpose};
 use super::offer::FixedPdo;
-use super::verify::{self, Differences};
+use super::verify::{self, MappingDifferences};
 use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoHandle};
 
 /// Brings `mapping` into a drive in PREOP, and gives the places of its objects.
@@ -173,7 +173,7 @@ pub async fn read_back(sdo: &SdoHandle) -> Result<Mapping, ConfigureError> {
 pub async fn read_assigned(
     direction: Direction,
     sdo: &SdoHandle,
-) -> Result<Vec<Pdo>, ConfigureError> {
+) -> Result<Vec<MappedPdo>, ConfigureError> {
     let mut pdos = Vec::new();
     for index in read_list::<u16>(direction.assignment(), sdo).await? {
         // Some drives fill unused places of the assignment with 0.
@@ -182,7 +182,7 @@ pub async fn read_assigned(
         }
         let raw = read_list::<u32>(index, sdo).await?;
         let entries = raw.into_iter().map(Entry::from_raw).collect();
-        pdos.push(Pdo { index, entries });
+        pdos.push(MappedPdo { index, entries });
     }
     Ok(pdos)
 }
@@ -240,7 +240,7 @@ pub enum ConfigureError {
     Unreadable(Box<DriveError>),
     /// The drive holds another mapping than was written.
     #[error("{0}")]
-    Differs(Box<DriveError<Differences>>),
+    Differs(Box<DriveError<MappingDifferences>>),
 }
 
 #[cfg(test)]
@@ -248,7 +248,7 @@ mod tests {
     use super::*;
     use crate::coe::obj;
     use crate::coe::test_device::{Device, rig};
-    use crate::pdo_map::verify::Difference;
+    use crate::pdo_map::verify::MappingDifference;
 
     /// Two axes, as an AKD2G has them.
     fn two_axes() -> Mapping {
@@ -370,7 +370,7 @@ mod tests {
         };
         assert_eq!(
             error.error.0,
-            [Difference::Entry {
+            [MappingDifference::Entry {
                 direction: Direction::Outputs,
                 pdo: 0x1600,
                 place: 2,
@@ -405,7 +405,7 @@ mod tests {
         };
         assert_eq!(
             error.error.0,
-            [Difference::Entry {
+            [MappingDifference::Entry {
                 direction: Direction::Inputs,
                 pdo: 0x1A00,
                 place: 2,

@@ -277,7 +277,7 @@ pub enum LayoutError {
 mod tests {
     use super::*;
     use crate::coe::obj;
-    use crate::pdo_map::Pdo;
+    use crate::pdo_map::MappedPdo;
     use proptest::prelude::*;
 
     #[test]
@@ -349,7 +349,7 @@ mod tests {
             Entry::padding(3),
             Entry::new(0x6040, 0, 16)
         ];
-        let pdo = Pdo {
+        let pdo = MappedPdo {
             index: 0x1600,
             entries,
         };
@@ -368,7 +368,7 @@ mod tests {
 
     #[test]
     fn a_field_of_an_object_mapped_with_another_width_is_refused() {
-        let pdo = Pdo {
+        let pdo = MappedPdo {
             index: 0x1A00,
             entries: alloc::vec![Entry::new(0x6041, 0, 8)],
         };

@@ -45,13 +45,13 @@ impl fmt::Display for Direction {
 /// What a drive's mapping may hold at most.
 ///
 /// ```
-/// use servocrab::{coe::obj, pdo_map::{Limits, Mapping}};
-/// let small = Limits { entries_per_pdo: 1, ..Limits::default() };
+/// use servocrab::{coe::obj, pdo_map::{MappingLimits, Mapping}};
+/// let small = MappingLimits { entries_per_pdo: 1, ..MappingLimits::default() };
 /// let outputs = Mapping::builder().limits(small).rx_pdo(0x1600).output(obj::CONTROLWORD);
 /// assert!(outputs.output(obj::TARGET_POSITION).build().is_err());
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Limits {
+pub struct MappingLimits {
     /// Objects in one PDO.
     pub entries_per_pdo: usize,
     /// PDOs that take another number of objects, each with its number.
@@ -66,7 +66,7 @@ pub struct Limits {
     pub input_bytes: usize,
 }
 
-impl Default for Limits {
+impl Default for MappingLimits {
     /// What the protocol itself allows: subindices 1 to 254, and process data that fits a frame of 1486 bytes.
     fn default() -> Self {
         Self {
@@ -80,7 +80,7 @@ impl Default for Limits {
     }
 }
 
-impl Limits {
+impl MappingLimits {
     /// Objects in this PDO.
     pub(super) fn entries(&self, pdo: u16) -> usize {
         let mut others = self.other_pdos.iter();
@@ -135,8 +135,8 @@ impl Limits {
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mapping {
-    outputs: Vec<Pdo>,
-    inputs: Vec<Pdo>,
+    outputs: Vec<MappedPdo>,
+    inputs: Vec<MappedPdo>,
     /// PDOs whose content is the drive's own: assigned, not filled.
     fixed: Vec<u16>,
 }
@@ -147,7 +147,7 @@ impl Mapping {
     pub fn builder() -> MappingBuilder {
         MappingBuilder {
             offset: AxisOffset::default(),
-            limits: Limits::default(),
+            limits: MappingLimits::default(),
             mapping: Self {
                 outputs: Vec::new(),
                 inputs: Vec::new(),
@@ -160,7 +160,7 @@ impl Mapping {
 
     /// A mapping read from elsewhere (a device's SII, its objects), taken as it is.
     #[must_use]
-    pub const fn from_pdos(outputs: Vec<Pdo>, inputs: Vec<Pdo>) -> Self {
+    pub const fn from_pdos(outputs: Vec<MappedPdo>, inputs: Vec<MappedPdo>) -> Self {
         Self {
             outputs,
             inputs,
@@ -183,19 +183,19 @@ impl Mapping {
 
     /// The PDOs that the master writes.
     #[must_use]
-    pub fn outputs(&self) -> &[Pdo] {
+    pub fn outputs(&self) -> &[MappedPdo] {
         &self.outputs
     }
 
     /// The PDOs that the master reads.
     #[must_use]
-    pub fn inputs(&self) -> &[Pdo] {
+    pub fn inputs(&self) -> &[MappedPdo] {
         &self.inputs
     }
 
     /// The PDOs of one direction.
     #[must_use]
-    pub fn pdos(&self, direction: Direction) -> &[Pdo] {
+    pub fn pdos(&self, direction: Direction) -> &[MappedPdo] {
         match direction {
             Direction::Outputs => &self.outputs,
             Direction::Inputs => &self.inputs,
@@ -215,7 +215,7 @@ impl Mapping {
     }
 
     /// The mapping, if it is no more than the drive takes.
-    pub(super) fn within(self, limits: &Limits) -> Result<Self, MappingError> {
+    pub(super) fn within(self, limits: &MappingLimits) -> Result<Self, MappingError> {
         for direction in [Direction::Outputs, Direction::Inputs] {
             let pdos = self.pdos(direction);
             if direction == Direction::Outputs
@@ -242,7 +242,7 @@ impl Mapping {
                 });
             }
             let limit = limits.bytes(direction);
-            let bytes = pdos.iter().map(Pdo::bits).sum::<usize>().div_ceil(8);
+            let bytes = pdos.iter().map(MappedPdo::bits).sum::<usize>().div_ceil(8);
             if bytes > limit {
                 return Err(MappingError::TooLong {
                     direction,
@@ -256,7 +256,7 @@ impl Mapping {
 }
 
 /// An object that has two places. What is written to the first does not reach the second.
-fn twice(pdos: &[Pdo]) -> Option<ObjectAddress> {
+fn twice(pdos: &[MappedPdo]) -> Option<ObjectAddress> {
     let entries = pdos.iter().flat_map(|pdo| &pdo.entries);
     let objects = entries.filter(|entry| !entry.is_padding());
     let objects: Vec<_> = objects.map(|entry| entry.address()).collect();
@@ -298,7 +298,7 @@ pub(super) fn entry_of(direction: Direction, object: AnyObject) -> Result<Entry,
 #[derive(Debug, Clone)]
 pub struct MappingBuilder {
     offset: AxisOffset,
-    limits: Limits,
+    limits: MappingLimits,
     mapping: Mapping,
     /// The PDO being filled, per direction.
     current: [Option<usize>; 2],
@@ -308,7 +308,7 @@ pub struct MappingBuilder {
 impl MappingBuilder {
     /// What the drive can hold.
     #[must_use]
-    pub fn limits(mut self, limits: Limits) -> Self {
+    pub fn limits(mut self, limits: MappingLimits) -> Self {
         self.limits = limits;
         self
     }
@@ -372,7 +372,7 @@ impl MappingBuilder {
     ///
     /// # Errors
     /// The first [`MappingError`]: an object that cannot be mapped that way or is mapped twice, an object
-    /// without a PDO, a PDO of the other direction or named twice, or more than the drive's [`Limits`].
+    /// without a PDO, a PDO of the other direction or named twice, or more than the drive's [`MappingLimits`].
     pub fn build(self) -> Result<Mapping, MappingError> {
         if let Some(error) = self.error {
             return Err(error);
@@ -397,7 +397,7 @@ impl MappingBuilder {
         }
         let (pdos, current) = self.side(direction);
         *current = Some(pdos.len());
-        pdos.push(Pdo {
+        pdos.push(MappedPdo {
             index,
             entries: Vec::new(),
         });
@@ -405,7 +405,7 @@ impl MappingBuilder {
     }
 
     fn push(&mut self, direction: Direction, entry: Entry) {
-        let taken = |pdo: &Pdo| pdo.entries.iter().any(|e| e.address() == entry.address());
+        let taken = |pdo: &MappedPdo| pdo.entries.iter().any(|e| e.address() == entry.address());
         if !entry.is_padding() && self.mapping.pdos(direction).iter().any(taken) {
             self.error.get_or_insert(MappingError::ObjectTwice {
                 object: entry.address(),
@@ -425,7 +425,7 @@ impl MappingBuilder {
         }
     }
 
-    fn side(&mut self, direction: Direction) -> (&mut Vec<Pdo>, &mut Option<usize>) {
+    fn side(&mut self, direction: Direction) -> (&mut Vec<MappedPdo>, &mut Option<usize>) {
         let [outputs, inputs] = &mut self.current;
         match direction {
             Direction::Outputs => (&mut self.mapping.outputs, outputs),
@@ -622,14 +622,14 @@ impl fmt::Display for Entry {
 
 /// A PDO: its index (1600h to 17FFh or 1A00h to 1BFFh) and what it holds, in order.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Pdo {
+pub struct MappedPdo {
     /// The index of its mapping object.
     pub index: u16,
     /// What it holds.
     pub entries: Vec<Entry>,
 }
 
-impl Pdo {
+impl MappedPdo {
     /// Its length in bits.
     #[must_use]
     pub fn bits(&self) -> usize {
@@ -703,7 +703,7 @@ impl Plan {
     }
 }
 
-fn fill(pdo: &Pdo) -> impl Iterator<Item = MappingWrite> + '_ {
+fn fill(pdo: &MappedPdo) -> impl Iterator<Item = MappingWrite> + '_ {
     let entries = (1..=u8::MAX)
         .zip(&pdo.entries)
         .map(|(subindex, entry)| MappingWrite {
@@ -812,7 +812,7 @@ mod tests {
     use super::*;
     use crate::coe::{Mappable, ReadWrite, obj};
 
-    const EIGHT_ENTRIES: Limits = Limits {
+    const EIGHT_ENTRIES: MappingLimits = MappingLimits {
         entries_per_pdo: 8,
         other_pdos: Vec::new(),
         output_pdos: 2,

@@ -15,7 +15,7 @@ pub mod verify;
 pub use execute::{ConfigureError, configure, execute, read_assigned, read_back, read_offered};
 pub use layout::{BitRange, Field, Layout, LayoutError};
 pub use mapping::{
-    Direction, Entry, Limits, Mapping, MappingBuilder, MappingError, MappingWrite, Pdo, Plan,
-    Purpose,
+    Direction, Entry, MappedPdo, Mapping, MappingBuilder, MappingError, MappingLimits,
+    MappingWrite, Plan, Purpose,
 };
 pub use offer::{Demand, FixedPdo, choose};

@@ -3,8 +3,8 @@
 use alloc::vec::Vec;
 
 use super::mapping::MappingError;
-use super::mapping::{Direction, Limits, Mapping, entry_of};
-use super::mapping::{Entry, Pdo};
+use super::mapping::{Direction, Mapping, MappingLimits, entry_of};
+use super::mapping::{Entry, MappedPdo};
 use crate::coe::AnyObject;
 
 /// Fixed PDOs of one direction among which is chosen, beside the mandatory ones: those that hold most of what is wanted.
@@ -23,7 +23,7 @@ const MOST_COMBINATIONS: usize = 1 << 13;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FixedPdo {
     /// The PDO.
-    pub pdo: Pdo,
+    pub pdo: MappedPdo,
     /// It must be assigned whatever else is.
     pub mandatory: bool,
     /// PDOs that cannot be assigned beside it.
@@ -35,7 +35,7 @@ impl FixedPdo {
     #[must_use]
     pub fn new(index: u16, entries: impl IntoIterator<Item = Entry>) -> Self {
         Self {
-            pdo: Pdo {
+            pdo: MappedPdo {
                 index,
                 entries: entries.into_iter().collect(),
             },
@@ -67,14 +67,14 @@ impl FixedPdo {
 /// An object that is wanted in the process data.
 ///
 /// ```
-/// use servocrab::{coe::obj, pdo_map::{Demand, Direction, Limits, choose}};
+/// use servocrab::{coe::obj, pdo_map::{Demand, Direction, MappingLimits, choose}};
 /// let wanted = Demand {
 ///     direction: Direction::Inputs,
 ///     object: obj::STATUSWORD.into(),
 ///     required: true,
 ///     free: &[0x1A00],
 /// };
-/// assert_eq!(choose(&[wanted], &[], &Limits::default())?.inputs()[0].index, 0x1A00);
+/// assert_eq!(choose(&[wanted], &[], &MappingLimits::default())?.inputs()[0].index, 0x1A00);
 /// # Ok::<(), servocrab::pdo_map::MappingError>(())
 /// ```
 #[derive(Debug, Clone, Copy)]
@@ -92,13 +92,13 @@ pub struct Demand<'a> {
 /// The mapping with which a drive exchanges what is wanted.
 ///
 /// Without `fixed` PDOs of a direction, the objects fill the free ones in the order of the demands. The next PDO follows when one
-/// holds as many as its [`Limits`] allow. With them, the combination is taken that leaves out the fewest wanted objects. Of
+/// holds as many as its [`MappingLimits`] allow. With them, the combination is taken that leaves out the fewest wanted objects. Of
 /// such combinations the one with the fewest bytes is taken, then the one with the fewest PDOs. The search is bounded, and begins
 /// with the PDOs that hold most. No output is mapped twice. PDOs are assigned by rising index.
 ///
 /// ```
 /// use servocrab::coe::obj;
-/// use servocrab::pdo_map::{Demand, Direction, Entry, FixedPdo, Limits, choose};
+/// use servocrab::pdo_map::{Demand, Direction, Entry, FixedPdo, MappingLimits, choose};
 ///
 /// let wanted = [obj::CONTROLWORD.into(), obj::TARGET_POSITION.into()].map(|object| Demand {
 ///     direction: Direction::Outputs,
@@ -108,7 +108,7 @@ pub struct Demand<'a> {
 /// });
 /// let (controlword, target) = (Entry::new(0x6040, 0, 16), Entry::new(0x607A, 0, 32));
 /// let offered = [FixedPdo::new(0x1600, [controlword]), FixedPdo::new(0x1601, [controlword, target])];
-/// let mapping = choose(&wanted, &offered, &Limits::default())?;
+/// let mapping = choose(&wanted, &offered, &MappingLimits::default())?;
 /// assert_eq!(mapping.outputs().len(), 1);
 /// assert_eq!(mapping.outputs()[0].index, 0x1601);
 /// # Ok::<(), servocrab::pdo_map::MappingError>(())
@@ -120,7 +120,7 @@ pub struct Demand<'a> {
 pub fn choose(
     demands: &[Demand<'_>],
     fixed: &[FixedPdo],
-    limits: &Limits,
+    limits: &MappingLimits,
 ) -> Result<Mapping, MappingError> {
     let mut chosen_fixed = Vec::new();
     let mut sides = [Vec::new(), Vec::new()];
@@ -228,7 +228,7 @@ struct Search<'a> {
     direction: Direction,
     wanted: &'a [Want<'a>],
     offered: &'a [&'a FixedPdo],
-    limits: &'a Limits,
+    limits: &'a MappingLimits,
     has_fixed: bool,
     left: usize,
     best: Option<Choice<'a>>,
@@ -236,7 +236,7 @@ struct Search<'a> {
 
 /// One way to serve what is wanted.
 struct Choice<'a> {
-    pdos: Vec<Pdo>,
+    pdos: Vec<MappedPdo>,
     fixed: Vec<u16>,
     left_out: Vec<Want<'a>>,
     cost: Cost,
@@ -288,7 +288,7 @@ impl<'a> Search<'a> {
 
     /// What is served with these fixed PDOs: what they do not hold goes into the free ones.
     fn choice(&self, chosen: &[&'a FixedPdo]) -> Choice<'a> {
-        let mut pdos: Vec<Pdo> = chosen.iter().map(|offer| offer.pdo.clone()).collect();
+        let mut pdos: Vec<MappedPdo> = chosen.iter().map(|offer| offer.pdo.clone()).collect();
         let fixed: Vec<u16> = pdos.iter().map(|pdo| pdo.index).collect();
         let mut left_out = Vec::new();
         for want in self.wanted {
@@ -307,7 +307,7 @@ impl<'a> Search<'a> {
                 None => left_out.push(*want),
                 Some(index) => match pdos.iter_mut().find(|pdo| pdo.index == index) {
                     Some(pdo) => pdo.entries.push(want.entry),
-                    None => pdos.push(Pdo {
+                    None => pdos.push(MappedPdo {
                         index,
                         entries: alloc::vec![want.entry],
                     }),
@@ -315,7 +315,7 @@ impl<'a> Search<'a> {
             }
         }
         pdos.sort_by_key(|pdo| pdo.index);
-        let bits = pdos.iter().map(Pdo::bits).sum();
+        let bits = pdos.iter().map(MappedPdo::bits).sum();
         let most_bytes = self.limits.bytes(self.direction);
         let cost = Cost {
             required_left_out: left_out.iter().filter(|want| want.required).count(),
@@ -335,7 +335,7 @@ impl<'a> Search<'a> {
 
     /// The first of these free PDOs with room for one more object. Without fixed PDOs the last takes what is too much,
     /// so that the limit it breaks is named.
-    fn room(&self, pdos: &[Pdo], free: &[u16]) -> Option<u16> {
+    fn room(&self, pdos: &[MappedPdo], free: &[u16]) -> Option<u16> {
         let is_full = |index: &u16| {
             pdos.iter()
                 .any(|pdo| pdo.index == *index && pdo.entries.len() >= self.limits.entries(*index))
@@ -383,7 +383,7 @@ mod tests {
     fn gaps_of_fixed_pdos_that_are_written_as_data_types_are_no_object_that_is_mapped_twice() {
         let gap = Entry::new(0x0005, 0, 8);
         let both = [FixedPdo::new(0x1701, [CONTROLWORD, MODE, gap, TARGET, gap])];
-        let mapping = choose(&position(&[]), &both, &Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &both, &MappingLimits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1701]);
         // The drive is to hold what it offers.
         assert_eq!(mapping.outputs()[0].entries[2].raw(), 0x0005_0008);
@@ -391,7 +391,7 @@ mod tests {
             FixedPdo::new(0x1701, [CONTROLWORD, gap]),
             FixedPdo::new(0x1702, [TARGET, gap]),
         ];
-        let mapping = choose(&position(&[]), &each, &Limits::default());
+        let mapping = choose(&position(&[]), &each, &MappingLimits::default());
         assert_eq!(
             mapping.map(|mapping| indices(&mapping)),
             Ok(vec![0x1701, 0x1702])
@@ -404,7 +404,7 @@ mod tests {
         let byte = Entry::new(0x0005, 1, 8);
         let offered = [FixedPdo::new(0x1701, [CONTROLWORD, byte, TARGET, byte])];
         assert_eq!(
-            choose(&position(&[]), &offered, &Limits::default()),
+            choose(&position(&[]), &offered, &MappingLimits::default()),
             Err(MappingError::ObjectTwice {
                 object: byte.address(),
                 direction: Direction::Outputs
@@ -419,7 +419,7 @@ mod tests {
             FixedPdo::new(0x1701, [CONTROLWORD, TARGET]),
             FixedPdo::new(0x1702, [CONTROLWORD, Entry::padding(8), MODE, TARGET]),
         ];
-        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &MappingLimits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1702]);
         assert!(
             !mapping
@@ -443,7 +443,7 @@ mod tests {
             FixedPdo::new(0x1601, [CONTROLWORD, MODE]),
             FixedPdo::new(0x1602, [CONTROLWORD, TARGET]),
         ];
-        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &MappingLimits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1602]);
     }
 
@@ -453,7 +453,7 @@ mod tests {
         let mut semi = position(&[0x1600]);
         // On this drive the target cannot be mapped freely.
         semi[2].free = &[];
-        let mapping = choose(&semi, &offered, &Limits::default()).unwrap();
+        let mapping = choose(&semi, &offered, &MappingLimits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1600, 0x1601]);
         assert_eq!(mapping.outputs()[0].entries, [MODE, VELOCITY]);
         assert!(mapping.is_fixed(0x1601) && !mapping.is_fixed(0x1600));
@@ -461,10 +461,10 @@ mod tests {
 
     #[test]
     fn a_full_pdo_is_followed_by_the_next_of_the_axis() {
-        let limits = Limits {
+        let limits = MappingLimits {
             entries_per_pdo: 3,
             output_pdos: 2,
-            ..Limits::default()
+            ..MappingLimits::default()
         };
         let mapping = choose(&position(&[0x1600, 0x1601]), &[], &limits).unwrap();
         assert_eq!(indices(&mapping), [0x1600, 0x1601]);
@@ -477,7 +477,7 @@ mod tests {
                 limit: 3
             })
         );
-        let one_pdo = Limits {
+        let one_pdo = MappingLimits {
             output_pdos: 1,
             ..limits
         };
@@ -501,14 +501,14 @@ mod tests {
             FixedPdo::new(0x1601, [CONTROLWORD, TARGET]),
             status,
         ];
-        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &MappingLimits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1601, 0x1603]);
     }
 
     #[test]
     fn a_required_object_that_nothing_offers_is_named() {
         let offered = [FixedPdo::new(0x1600, [CONTROLWORD, MODE])];
-        let error = choose(&position(&[]), &offered, &Limits::default()).unwrap_err();
+        let error = choose(&position(&[]), &offered, &MappingLimits::default()).unwrap_err();
         assert_eq!(
             error,
             MappingError::NotOffered {
@@ -529,14 +529,14 @@ mod tests {
                 FixedPdo::new(index, core::iter::once(all[place]).chain(further))
             })
             .collect();
-        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &MappingLimits::default()).unwrap();
         assert_eq!(mapping.outputs().len(), 4);
         // The target in the last alone, behind many that hold two of the others.
         let mut offered: Vec<_> = (0x1600..0x1700)
             .map(|index| FixedPdo::new(index, [CONTROLWORD, MODE]))
             .collect();
         offered.push(FixedPdo::new(0x1700, [TARGET]));
-        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &MappingLimits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1600, 0x1700]);
     }
 
@@ -553,7 +553,7 @@ mod tests {
                 content.dedup();
                 FixedPdo::new(index, content.into_iter().map(|place| all[place]))
             }).collect();
-            let limits = Limits { output_pdos: most, ..Limits::default() };
+            let limits = MappingLimits { output_pdos: most, ..MappingLimits::default() };
             match choose(&position(&[]), &offered, &limits) {
                 Ok(mapping) => {
                     proptest::prop_assert!(mapping.outputs().len() <= most);

@@ -5,14 +5,14 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::mapping::{Direction, Mapping};
-use super::mapping::{Entry, Pdo};
+use super::mapping::{Entry, MappedPdo};
 use crate::coe::value::column_width;
 
 /// Compares what was declared with what was read back.
 ///
 /// # Errors
-/// [`Differences`], each naming PDO and place, with what was expected beside what was got.
-pub fn compare(expected: &Mapping, got: &Mapping) -> Result<(), Differences> {
+/// [`MappingDifferences`], each naming PDO and place, with what was expected beside what was got.
+pub fn compare(expected: &Mapping, got: &Mapping) -> Result<(), MappingDifferences> {
     let mut differences = Vec::new();
     for direction in [Direction::Outputs, Direction::Inputs] {
         let (expected, got) = (expected.pdos(direction), got.pdos(direction));
@@ -21,7 +21,7 @@ pub fn compare(expected: &Mapping, got: &Mapping) -> Result<(), Differences> {
                 (Some(expected), Some(got)) if expected.index == got.index => {
                     compare_pdo(direction, expected, got, &mut differences);
                 }
-                (expected, got) => differences.push(Difference::Assignment {
+                (expected, got) => differences.push(MappingDifference::Assignment {
                     direction,
                     place: place + 1,
                     expected: expected.map(|pdo| pdo.index),
@@ -33,17 +33,22 @@ pub fn compare(expected: &Mapping, got: &Mapping) -> Result<(), Differences> {
     if differences.is_empty() {
         return Ok(());
     }
-    Err(Differences(differences))
+    Err(MappingDifferences(differences))
 }
 
-fn compare_pdo(direction: Direction, expected: &Pdo, got: &Pdo, differences: &mut Vec<Difference>) {
+fn compare_pdo(
+    direction: Direction,
+    expected: &MappedPdo,
+    got: &MappedPdo,
+    differences: &mut Vec<MappingDifference>,
+) {
     for place in 0..expected.entries.len().max(got.entries.len()) {
         let entries = (
             expected.entries.get(place).copied(),
             got.entries.get(place).copied(),
         );
         if entries.0 != entries.1 {
-            differences.push(Difference::Entry {
+            differences.push(MappingDifference::Entry {
                 direction,
                 pdo: expected.index,
                 place: place + 1,
@@ -56,15 +61,15 @@ fn compare_pdo(direction: Direction, expected: &Pdo, got: &Pdo, differences: &mu
 
 /// All differences; never empty.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Differences(pub Vec<Difference>);
+pub struct MappingDifferences(pub Vec<MappingDifference>);
 
 /// A table with a line for each difference: what was expected beside what was got.
-impl fmt::Display for Differences {
+impl fmt::Display for MappingDifferences {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("the drive holds another mapping than was written:")?;
         let head = ["place", "expected", "got"].map(String::from);
         let rows: Vec<_> = core::iter::once(head)
-            .chain(self.0.iter().map(Difference::cells))
+            .chain(self.0.iter().map(MappingDifference::cells))
             .collect();
         let width = |column: usize| column_width(rows.iter().filter_map(|row| row.get(column)));
         let widths = (width(0), width(1));
@@ -79,12 +84,12 @@ impl fmt::Display for Differences {
     }
 }
 
-impl core::error::Error for Differences {}
+impl core::error::Error for MappingDifferences {}
 
 /// One difference; `None` stands for nothing at that place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Difference {
+pub enum MappingDifference {
     /// Another PDO is assigned.
     Assignment {
         /// The direction.
@@ -111,7 +116,7 @@ pub enum Difference {
     },
 }
 
-impl Difference {
+impl MappingDifference {
     /// The object that differs, what was expected there, what was got.
     fn cells(&self) -> [String; 3] {
         let nothing = || String::from("nothing");
@@ -148,7 +153,7 @@ impl Difference {
     }
 }
 
-impl fmt::Display for Difference {
+impl fmt::Display for MappingDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [place, expected, got] = self.cells();
         write!(f, "{place}: expected {expected}, got {got}")
@@ -162,7 +167,7 @@ mod tests {
     use alloc::vec;
 
     fn mapping(outputs: &[(u16, &[Entry])]) -> Mapping {
-        let pdos = outputs.iter().map(|(index, entries)| Pdo {
+        let pdos = outputs.iter().map(|(index, entries)| MappedPdo {
             index: *index,
             entries: entries.to_vec(),
         });
@@ -185,7 +190,7 @@ mod tests {
         let differences = compare(&expected, &got).unwrap_err();
         assert_eq!(
             differences.0,
-            [Difference::Entry {
+            [MappingDifference::Entry {
                 direction: Direction::Outputs,
                 pdo: 0x1600,
                 place: 2,

@@ -124,7 +124,10 @@ impl Doubt {
     /// Whether the drive may still hold the set-point. Then every move is refused until a stop.
     #[must_use]
     pub const fn needs_stop(self) -> bool {
-        matches!(self, Self::Unacknowledged | Self::NotBegun | Self::StillLow)
+        match self {
+            Self::Unacknowledged | Self::NotBegun | Self::StillLow => true,
+            Self::Unseen | Self::EndUnknown => false,
+        }
     }
 
     const fn text(self) -> &'static str {

@@ -102,11 +102,11 @@ impl LimitsRule {
 /// beyond it are refused before anything is written. The end of a relative move is checked when its turn comes, and only where it is known
 /// what the drive counts from: parameters that go by SDO are written by then. What is `None` is not checked.
 ///
-/// A [`Network`](crate::bus::Network) reads them when an axis attaches. A program that changes 607Bh, 607Ch, 607Dh or 607Fh later
+/// A [`Network`](crate::Network) reads them when an axis attaches. A program that changes 607Bh, 607Ch, 607Dh or 607Fh later
 /// has them read again: `Axis::read_limits`.
 ///
 /// ```
-/// use servocrab::{bus::{AxisConfig, DriveConfig}, drives, profile_position::{Limits, PositionRange}};
+/// use servocrab::{AxisConfig, DriveConfig, drives, profile_position::{Limits, PositionRange}};
 /// let limits = Limits { software: Some(PositionRange { min: -200_000, max: 1_000_000 }), ..Limits::trust_drive() };
 /// let drive = DriveConfig::new(drives::akd2g())
 ///     .axis("x") // what the drive holds

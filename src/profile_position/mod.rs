@@ -5,15 +5,15 @@
 mod bounds;
 mod circle;
 mod ends;
-mod events;
+pub(crate) mod events;
 mod evidence;
-mod failure;
+pub(crate) mod failure;
 mod handshake;
 mod limits;
 mod observer;
 mod pending;
 mod sequencer;
-mod set_point;
+pub(crate) mod set_point;
 mod standstill;
 #[cfg(test)]
 mod tests;
@@ -23,23 +23,22 @@ pub(crate) use bounds::Bounds;
 use ends::Ends;
 pub(crate) use ends::Quiet;
 pub(crate) use events::Events;
-pub use events::{CommandId, Completion, Event};
+pub(crate) use events::{CommandId, Completion, Event};
 #[cfg(test)]
 pub(crate) use evidence::Eyes;
 pub(crate) use evidence::{Bit, Cycle, Evidence, Rules, ShownBit};
-pub use failure::{
-    Delivery, Doubt, Failure, FailureClass, Inhibit, ParameterFault, Unrest, Unsupported,
-    WaitingFor, WorkingCounter,
+pub(crate) use failure::{
+    Delivery, Doubt, Failure, Inhibit, ParameterFault, Unrest, Unsupported, WaitingFor,
 };
 pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
 use observer::{Behind, HeldSetPoint, Known, Observer, OnItsWay};
 pub(crate) use sequencer::Sequencer;
-pub use set_point::{BufferMode, MoveCommand, Parameters, Reference, SetPoint};
+pub(crate) use set_point::BufferMode;
+pub use set_point::{MoveCommand, Parameters, Reference};
 pub(crate) use standstill::{LastSeen, Standstill};
 pub use traits::{BufferSignal, HomedSignal, RelativeBase, StartBits, Traits};
 
 #[cfg(feature = "std")]
 pub use crate::handle::{
-    ByIterator, ByStream, Done, Follow, Followed, Move, MoveRequest, Outcome, Path, PathError,
-    ProfilePosition,
+    ByIterator, ByStream, Done, Follow, Followed, MoveRequest, Path, PathError,
 };

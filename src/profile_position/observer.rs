@@ -458,7 +458,7 @@ impl Observer {
         }
         if known.on_its_way == OnItsWay::Unknown {
             if cycle.evidence.stands() && cycle.evidence.reached.is_high() {
-                self.give_up(Doubt::Unacknowledged, cycle, events);
+                return self.give_up(Doubt::Unacknowledged, cycle, events);
             }
             return false;
         }
@@ -577,8 +577,7 @@ impl Observer {
         if !self.has_untold() {
             return false;
         }
-        self.give_up(doubt, cycle, events);
-        true
+        self.give_up(doubt, cycle, events)
     }
 
     /// Where those may end whose outcome is not reported.
@@ -603,11 +602,12 @@ impl Observer {
         held.any(|entry| entry.report != Report::Outcome)
     }
 
-    /// The rest is not known. The drive may hold each of them, until it is seen outside of Operation enabled.
-    fn give_up(&mut self, doubt: Doubt, cycle: &Cycle<'_>, events: &mut Events) {
+    /// The rest is not known. The drive may hold each of them, until it is seen outside of Operation enabled. Whether that needs a stop.
+    fn give_up(&mut self, doubt: Doubt, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         for place in 0..HELD {
             self.report(place, Err(cycle.unknown(doubt)), events);
         }
+        doubt.needs_stop()
     }
 
     fn report(&mut self, place: usize, outcome: Result<Completion, Failure>, events: &mut Events) {

@@ -29,7 +29,7 @@ pub enum Reference {
 /// drive holds.
 ///
 /// ```
-/// use servocrab::{profile_position::{SetPoint, BufferMode}, units::Mm};
+/// use servocrab::{BufferMode, SetPoint, units::Mm};
 /// let gentle: SetPoint = SetPoint::new().velocity(5_000).acceleration(20_000).buffer_mode(BufferMode::Buffered);
 /// assert_eq!(gentle.buffer_mode, BufferMode::Buffered);
 /// /// 40 mm/s.
@@ -108,11 +108,11 @@ impl<U: AxisUnit> SetPoint<U> {
     }
 
     /// Dropped before its end the move does not go on: the axis is halted. That holds for the future that sends it, for the
-    /// [`Move`](crate::profile_position::Move), and for the moves of [`start_together`](crate::axis::start_together) and of a
+    /// [`Move`](crate::Move), and for the moves of [`start_together`](crate::start_together) and of a
     /// [`Follow`](crate::profile_position::Follow), each of which halts its axis. A move that was not sent is withdrawn.
     ///
     /// ```
-    /// use servocrab::profile_position::SetPoint;
+    /// use servocrab::SetPoint;
     /// let careful: SetPoint = SetPoint::new().velocity(5_000).halt_on_drop();
     /// assert!(careful.halt_on_drop);
     /// ```

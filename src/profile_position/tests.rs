@@ -7,7 +7,7 @@ use crate::ds402::Controlword;
 
 use super::{
     BufferMode, BufferSignal, CommandId, Completion, Delivery, Doubt, Event, Events, Eyes, Failure,
-    MoveCommand, Parameters, Reference, RelativeBase, Sequencer, SetPoint, WaitingFor,
+    MoveCommand, Parameters, Reference, RelativeBase, Sequencer, WaitingFor, set_point::SetPoint,
 };
 
 /// Bits 10 and 12.

@@ -105,7 +105,7 @@ impl HomedSignal {
 /// How a drive's Profile Position mode behaves.
 ///
 /// ```
-/// use servocrab::profile_position::{BufferSignal, StartBits, BufferMode, Traits};
+/// use servocrab::{BufferMode, profile_position::{BufferSignal, StartBits, Traits}};
 /// let traits = Traits::cia402();
 /// assert!(matches!(traits.bits(BufferMode::Blending), StartBits::Bits { .. }));
 /// assert_eq!(traits.buffer_signal, BufferSignal::Unknown);

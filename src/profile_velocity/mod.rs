@@ -5,11 +5,12 @@
 use core::time::Duration;
 
 #[cfg(feature = "std")]
-pub use crate::handle::{Jog, ProfileVelocity};
+pub use crate::handle::Jog;
 use crate::{
+    Failure,
     ds402::State,
     profile_position::{
-        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, ParameterFault, Parameters,
+        CommandId, Completion, Cycle, Delivery, Event, Events, ParameterFault, Parameters,
     },
     timer::{Due, Timer, UntilSeen},
     units::{AxisUnit, Counts, Quantity, Scale, ScaleError, Unit},

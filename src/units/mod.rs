@@ -1,7 +1,7 @@
 //! A program's own units: millimetres, degrees, whatever the machine counts in.
 //!
 //! A [`Unit`] is a type, so that numbers of one axis do not fit another in another unit. Its conversion is a value: a [`Scale`], made of
-//! [`Ratio`]s that are given or come from a drive's [`Factors`]. Handles of an axis have both: [`Axis<Mm>`](crate::axis::Axis).
+//! [`Ratio`]s that are given or come from a drive's [`Factors`]. Handles of an axis have both: [`Axis<Mm>`](crate::Axis).
 
 mod scale;
 

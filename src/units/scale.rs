@@ -695,7 +695,7 @@ const fn greatest_common_divisor(mut a: u64, mut b: u64) -> u64 {
 
 // The factor objects of a drive, and the scale that they make.
 
-/// What a drive's factor objects hold; read by [`Axis::factors`](crate::axis::Axis::factors), or written down by a program.
+/// What a drive's factor objects hold; read by [`Axis::factors`](crate::Axis::factors), or written down by a program.
 /// Those that the drive does not have are `None`.
 ///
 /// ```

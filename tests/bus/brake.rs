@@ -9,13 +9,14 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, OutputField, Referencing},
-    bus::{AxisConfig, DriveConfig, DriveFault, Network, NetworkError, Recovered},
+    Axis, AxisConfig, DriveConfig, Move, Network, NetworkError, Outcome, ProfilePosition,
+    Referencing, SetPoint,
+    axis::OutputField,
+    bus::{DriveFault, Recovered},
     coe::obj,
     drives::{self, DriveDescription},
     ds402::DigitalOutputs,
     parameters::{StartUpWrite, Transition, WriteFault},
-    profile_position::{Move, Outcome, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{AlState, Segment, ds402::Machine, personality::Servo};
 

@@ -6,14 +6,13 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Failure, Loss},
-    bus::{
-        AxisConfig, BringUpStep, DriveConfig, DriveFault, Network, NetworkBuilder, NetworkError,
-    },
+    AxisConfig, DriveConfig, Failure, Network, NetworkError, Outcome, SetPoint,
+    axis::Loss,
+    bus::{BringUpStep, DriveFault, NetworkBuilder},
     coe::{Mappable, Object, ReadWrite, obj},
     drives,
     link::Wire,
-    profile_position::{Limits, Outcome, PositionRange, SetPoint},
+    profile_position::{Limits, PositionRange},
 };
 use servocrab_sim::{AlState, Direction, Segment, personality};
 
@@ -103,7 +102,7 @@ fn pitfall_37_process_data_are_what_coe_says_and_not_what_the_sii_says() {
     let line = Line::new(Segment::new().with(drive));
     let config = DriveConfig::new(drives::generic()).axis(
         AxisConfig::new("x")
-            .referencing(servocrab::axis::Referencing::UnreferencedMovesAllowed)
+            .referencing(servocrab::Referencing::UnreferencedMovesAllowed)
             .map_output(obj::QUICK_STOP_DECELERATION)
             .map_input(obj::FOLLOWING_ERROR_ACTUAL),
     );
@@ -219,7 +218,7 @@ fn a_drive_that_left_op_by_its_watchdog_is_named_as_that_by_every_command_of_its
     rig.run_for(Duration::from_millis(150));
     line.segment().plug();
     rig.run_for(Duration::from_secs(1));
-    let by_watchdog = |error: servocrab::axis::AxisError| {
+    let by_watchdog = |error: servocrab::AxisError| {
         let text = error.to_string();
         assert!(
             matches!(error.failure(), Some(Failure::LeftOp { code: 0x001B, .. })),

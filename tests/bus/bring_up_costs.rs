@@ -6,12 +6,12 @@ use std::{
 };
 
 use servocrab::{
-    bus::{DriveConfig, DriveFault, Network, NetworkError, Recovered},
+    DriveConfig, Network, NetworkError, Outcome, SetPoint,
+    bus::{DriveFault, Recovered},
     coe::obj,
     drives,
     link::Wire,
     parameters::StartUpWrite,
-    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Segment, personality};
 

@@ -8,13 +8,14 @@ use std::{
     time::Duration,
 };
 
-use servocrab::bus::{
-    BringUpStep, DistributedClock, DriveConfig, DriveFault, Network, NetworkError, ReferenceClock,
-};
 use servocrab::coe::{ObjectAddress, obj};
 use servocrab::drives;
 use servocrab::link::Link;
 use servocrab::parameters::StartUpWrite;
+use servocrab::{
+    DriveConfig, Network, NetworkError,
+    bus::{BringUpStep, DistributedClock, DriveFault, ReferenceClock},
+};
 use servocrab_sim::personality::{self, Servo};
 use servocrab_sim::{AlState, ClockDemand, ClockWidth, Device, Habits, Segment};
 

@@ -2,9 +2,12 @@
 
 use std::time::Duration;
 
-use servocrab::bus::{DistributedClock, DriveConfig, Network, Recovered, ReferenceClock};
 use servocrab::drives;
-use servocrab::profile_position::{Outcome, SetPoint};
+use servocrab::{
+    DriveConfig, Network,
+    bus::{DistributedClock, Recovered, ReferenceClock},
+};
+use servocrab::{Outcome, SetPoint};
 use servocrab_sim::{AlState, Segment};
 
 use crate::clocks::{apart, insisting, mistakes};

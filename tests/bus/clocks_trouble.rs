@@ -10,14 +10,14 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Failure, Loss, Referencing},
+    AxisConfig, DriveConfig, Failure, Network, NetworkError, Referencing, SetPoint,
+    axis::Loss,
     bus::{
-        AxisConfig, ClockEvent, ClockStatistics, DistributedClock, DriveConfig, DriveFault,
-        Network, NetworkBuilder, NetworkError, NetworkEvent, ReferenceClock,
+        ClockEvent, ClockStatistics, DistributedClock, DriveFault, NetworkBuilder, NetworkEvent,
+        ReferenceClock,
     },
     drives,
     link::{Fate, Wire},
-    profile_position::SetPoint,
 };
 use servocrab_sim::{AlState, Segment, ds402::State as Power, personality::Servo};
 

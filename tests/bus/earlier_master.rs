@@ -6,11 +6,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{
-    bus::{Network, NetworkError, Recovered},
-    drives,
-    link::Wire,
-};
+use servocrab::{Network, NetworkError, bus::Recovered, drives, link::Wire};
 use servocrab_sim::{AlState, Segment, personality};
 
 use crate::rig::{Line, Rig, akd2g, datagrams, unhomed};

@@ -13,12 +13,11 @@ use std::{
 };
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure},
-    bus::{DriveConfig, Network},
+    DriveConfig, Failure, Network, SetPoint,
+    axis::AxisErrorKind,
     coe::SdoError,
     drives,
     link::{Fate, Link},
-    profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
 use smol::stream::StreamExt;

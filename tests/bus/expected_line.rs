@@ -6,7 +6,8 @@ use std::sync::{
 };
 
 use servocrab::{
-    bus::{DevicePlace, DriveConfig, Expected, LineVerdict, Network, NetworkBuilder, NetworkError},
+    DriveConfig, Network, NetworkError,
+    bus::{DevicePlace, Expected, LineVerdict, NetworkBuilder},
     coe::obj,
     drives,
     link::Wire,

@@ -9,10 +9,10 @@ use std::{
 };
 
 use servocrab::{
+    Network, NetworkError, SetPoint,
     axis::Liveness,
-    bus::{AlState as State, DriveFault, Network, NetworkError, NetworkEvent},
+    bus::{AlState as State, DriveFault, NetworkEvent},
     link::{Fate, Wire},
-    profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
 
@@ -143,7 +143,7 @@ fn a_lost_drive_that_comes_back_fallen_says_so_and_does_not_hold_up_the_others()
         }
         way
     });
-    let second = servocrab::bus::DriveConfig::new(servocrab::drives::akd2g()).axis("z");
+    let second = servocrab::DriveConfig::new(servocrab::drives::akd2g()).axis("z");
     let builder = Network::builder()
         .link(wire)
         .drive(0, akd2g())
@@ -223,9 +223,9 @@ fn an_expired_liveness_lets_nothing_start_and_everything_stop_until_it_is_over()
         }
         rig.run_for(500 * MS);
         assert!(x.status().halted && x.status().velocity.abs() < 1_000);
-        let expired = |result: Result<(), servocrab::axis::AxisError>| {
+        let expired = |result: Result<(), servocrab::AxisError>| {
             let failure = result.unwrap_err().failure();
-            assert_eq!(failure, Some(servocrab::axis::Failure::LivenessExpired));
+            assert_eq!(failure, Some(servocrab::Failure::LivenessExpired));
         };
         expired(rig.until(x.resume()));
         expired(rig.until(y.enable()));

@@ -9,9 +9,9 @@ use std::{
 };
 
 use servocrab::{
-    bus::{BusLoop, DistributedClock, Expected, IoConfig, Network, NetworkBuilder},
+    Network, Outcome,
+    bus::{BusLoop, DistributedClock, Expected, IoConfig, NetworkBuilder},
     drives,
-    profile_position::Outcome,
 };
 use servocrab_sim::{AlState, Segment, ds402::State, personality};
 

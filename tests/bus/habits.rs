@@ -7,14 +7,10 @@ use std::{
 };
 
 use servocrab::{
-    axis::Referencing,
-    bus::{
-        AlError, AlState as State, AxisConfig, BringUpStep, DriveConfig, DriveFault, Network,
-        NetworkError, NetworkEvent,
-    },
+    AxisConfig, DriveConfig, Network, NetworkError, Outcome, Referencing,
+    bus::{AlError, AlState as State, BringUpStep, DriveFault, NetworkEvent},
     coe::{ObjectAddress, SdoError, obj},
     drives,
-    profile_position::Outcome,
 };
 use servocrab_sim::{Abort, AlState, Device, Habits, Segment, personality, personality::Servo};
 

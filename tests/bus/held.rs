@@ -8,12 +8,12 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, Failure, Unsupported},
-    bus::{DriveConfig, DriveFault, Network, NetworkError},
+    Axis, DriveConfig, Failure, Move, Network, NetworkError, ProfilePosition,
+    axis::Unsupported,
+    bus::DriveFault,
     coe::obj,
     drives::{self, DriveDescription},
     ds402::{State, StopOptions, VelocityWindows},
-    profile_position::{Move, ProfilePosition},
 };
 use servocrab_sim::{Segment, ds402, personality::Servo};
 

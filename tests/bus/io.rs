@@ -8,14 +8,14 @@ use std::{
 };
 
 use servocrab::{
+    Network, NetworkError, SetPoint,
     axis::{Sampled, Stale},
     bus::{
         AlState as State, BringUpStep, DevicePlace, DriveFault, Expected, Io, IoConfig,
-        IoErrorKind, Network, NetworkBuilder, NetworkError, NetworkEvent,
+        IoErrorKind, NetworkBuilder, NetworkEvent,
     },
     coe::obj,
     pdo_map::Direction,
-    profile_position::SetPoint,
 };
 use servocrab_sim::{AlState, Device, Segment, personality};
 

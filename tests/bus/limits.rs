@@ -1,13 +1,14 @@
 //! Limits that the drives hold: read when an axis attaches, read again when asked for, or left to the drive.
 
 use servocrab::{
-    axis::{AxisError, AxisErrorKind, Failure, Referencing},
-    bus::{DriveConfig, DriveFault, Network, NetworkError},
+    AxisError, DriveConfig, Failure, HomingMethod, HomingParameters, Network, NetworkError,
+    Outcome, ProfilePosition, Referencing, SetPoint,
+    axis::AxisErrorKind,
+    bus::DriveFault,
     coe::{AxisOffset, ObjectAddress, obj},
     drives,
-    homing::{HomingMethod, HomingParameters},
     parameters::StartUpWrite,
-    profile_position::{Limits, Outcome, PositionRange, ProfilePosition, SetPoint},
+    profile_position::{Limits, PositionRange},
 };
 use servocrab_sim::{Segment, personality};
 

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use servocrab::{
-    bus::{AxisIncident, DriveConfig, Network, NetworkBuilder, NetworkError, NetworkEvent},
+    DriveConfig, Network, NetworkError,
+    bus::{AxisIncident, NetworkBuilder, NetworkEvent},
     drives,
 };
 use servocrab_sim::{Segment, personality};

@@ -3,8 +3,8 @@
 use std::{cell::RefCell, io, sync::Once, time::Duration};
 
 use servocrab::{
-    axis::{Referencing, StopRequest},
-    bus::{AxisConfig, DistributedClock, DriveConfig, Network},
+    AxisConfig, DriveConfig, Network, Referencing, StopRequest,
+    bus::DistributedClock,
     drives,
     units::{Mm, Ratio, Scale},
 };

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, BringUpStep, DriveConfig, DriveFault, Network, NetworkError},
+    AxisConfig, DriveConfig, Network, NetworkError, Referencing,
+    bus::{BringUpStep, DriveFault},
     coe::obj,
     drives::{self, DriveDescription},
     pdo_map::{Direction, Entry, FixedPdo, MappingError, MappingWrite, read_offered},

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use servocrab::{
-    bus::{DevicePlace, DriveConfig, Expected, Network, NetworkBuilder},
+    DriveConfig, Network,
+    bus::{DevicePlace, Expected, NetworkBuilder},
     drives,
     link::Wire,
 };

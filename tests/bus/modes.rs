@@ -3,13 +3,12 @@
 use std::time::Duration;
 
 use servocrab::{
-    axis::{Failure, Referencing, Unsupported, WaitingFor},
-    bus::{AxisConfig, DriveConfig, Network},
+    AxisConfig, DriveConfig, Failure, HomingMethod, HomingParameters, Network, Outcome,
+    Referencing, SetPoint,
+    axis::{Unsupported, WaitingFor},
     coe::obj,
     drives,
     ds402::Mode,
-    homing::{HomingMethod, HomingParameters},
-    profile_position::{Outcome, SetPoint},
     profile_velocity::JogSetPoint,
 };
 use servocrab_sim::{Segment, ds402::Machine, personality::Servo};

@@ -11,12 +11,11 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, AxisError, Deadlines, Failure, WaitingFor},
-    bus::{Network, NetworkError},
+    Axis, AxisError, Failure, Move, Network, NetworkError, ProfilePosition, SetPoint,
+    axis::{Deadlines, WaitingFor},
     drives,
     link::Wire,
     pdo_map::Direction,
-    profile_position::{Move, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{Segment, ds402, personality};
 

@@ -2,10 +2,7 @@
 
 use std::{sync::Arc, thread, time::Duration};
 
-use servocrab::{
-    bus::{Network, NetworkError},
-    link::Wire,
-};
+use servocrab::{Network, NetworkError, link::Wire};
 use servocrab_sim::{AlState, Segment, personality};
 use smol::future::poll_once;
 

@@ -6,8 +6,7 @@ use std::sync::{
 };
 
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DriveConfig, Network},
+    AxisConfig, DriveConfig, Network, Referencing,
     coe::{AbortCode, ObjectAddress, obj},
     drives,
     ds402::State,

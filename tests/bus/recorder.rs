@@ -10,14 +10,11 @@ use std::{
 };
 
 use servocrab::{
-    bus::{
-        AxisConfig, Capture, DriveConfig, Expected, IoConfig, Network, NetworkError,
-        RecordedCycles, Signal, Trigger, TriggerCondition,
-    },
+    AxisConfig, DriveConfig, Network, NetworkError, SetPoint,
+    bus::{Capture, Expected, IoConfig, RecordedCycles, Signal, Trigger, TriggerCondition},
     coe::obj,
     drives,
     link::Fate,
-    profile_position::SetPoint,
     units::{Mm, Ratio, Scale},
 };
 use servocrab_sim::{Segment, personality};

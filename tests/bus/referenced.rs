@@ -1,12 +1,6 @@
 //! An axis that was homed by an earlier program: known where the drive shows it, and for as long as it keeps its power.
 
-use servocrab::{
-    axis::Failure,
-    bus::{DriveConfig, Network},
-    drives,
-    homing::{HomingMethod, HomingParameters},
-    profile_position::SetPoint,
-};
+use servocrab::{DriveConfig, Failure, HomingMethod, HomingParameters, Network, SetPoint, drives};
 use servocrab_sim::{Segment, personality};
 
 use crate::rig::{Line, Rig};

@@ -9,10 +9,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{
-    bus::{Network, NetworkEvent},
-    link::Link,
-};
+use servocrab::{Network, bus::NetworkEvent, link::Link};
 use servocrab_sim::{Segment, personality};
 
 use crate::{

@@ -8,12 +8,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{
-    axis::{Axis, Snapshot},
-    bus::Network,
-    ds402::State,
-    link::Fate,
-};
+use servocrab::{Axis, Network, axis::Snapshot, ds402::State, link::Fate};
 use servocrab_sim::{Segment, personality};
 
 use crate::rig::{Line, Rig, akd2g, is_cyclic};

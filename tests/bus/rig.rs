@@ -9,11 +9,10 @@ use std::{
 };
 
 use servocrab::{
-    axis::Referencing,
-    bus::{BusLoop, DriveConfig, Network, NetworkBuilder, NetworkError, Recovered},
+    DriveConfig, Move, Network, NetworkError, Outcome, ProfilePosition, Referencing, SetPoint,
+    bus::{BusLoop, NetworkBuilder, Recovered},
     drives::{self, DriveDescription},
     link::{Fate, Wire},
-    profile_position::{Move, Outcome, ProfilePosition, SetPoint},
 };
 use servocrab_sim::Segment;
 

@@ -13,11 +13,10 @@ use std::{
 };
 
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DistributedClock, DriveConfig, Network, NetworkBuilder},
+    AxisConfig, DriveConfig, Network, Outcome, Referencing, SetPoint,
+    bus::{DistributedClock, NetworkBuilder},
     drives,
     link::{Fate, Wire},
-    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{Device, Segment, personality};
 

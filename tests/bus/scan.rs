@@ -6,7 +6,8 @@ use std::{
 };
 
 use servocrab::{
-    bus::{AlState, BringUpStep, Line, Network, NetworkError},
+    Network, NetworkError,
+    bus::{AlState, BringUpStep, Line},
     coe::{SdoError, obj},
     link::Wire,
 };

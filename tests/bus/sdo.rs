@@ -3,8 +3,7 @@
 use std::{future::Future, time::Duration};
 
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DriveConfig, Network},
+    AxisConfig, DriveConfig, Network, Referencing,
     coe::{DriveError, SdoError, obj},
     drives,
 };
@@ -150,7 +149,7 @@ fn a_mailbox_that_is_longer_than_a_datagram_is_used_as_far_as_one_carries_it() {
 /// each kept future gives its own result.
 #[test]
 fn transfers_whose_futures_are_kept_after_their_answer_hold_up_no_other() {
-    use servocrab::{bus::Network, coe::obj};
+    use servocrab::{Network, coe::obj};
     use servocrab_sim::{Segment, personality};
     use std::{
         pin::pin,

@@ -4,11 +4,8 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DriveConfig, Network},
-    drives,
+    AxisConfig, DriveConfig, Network, Referencing, SetPoint, drives,
     link::Wire,
-    profile_position::SetPoint,
     units::{Mm, Ratio, Scale},
 };
 use servocrab_sim::{Segment, personality};

@@ -8,7 +8,8 @@ use std::{
 };
 
 use servocrab::{
-    bus::{DriveConfig, Network, NetworkBuilder},
+    DriveConfig, Network,
+    bus::NetworkBuilder,
     coe::{DriveError, SdoError, obj},
     drives,
     link::{Fate, Wire},

@@ -1,7 +1,8 @@
 //! Start-up lists on the way to OP: in order, at their transitions, and refused by name.
 
 use servocrab::{
-    bus::{BringUpStep, DriveConfig, DriveFault, Network, NetworkError},
+    DriveConfig, Network, NetworkError,
+    bus::{BringUpStep, DriveFault},
     coe::{AbortCode, ObjectAddress, obj},
     drives,
     parameters::{ObjectValue, StartUpError, StartUpList, StartUpWrite, Transition, WriteFault},

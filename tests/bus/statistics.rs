@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use servocrab::{
-    bus::{Answered, AxisIncident, Network, NetworkError, NetworkEvent, PortErrors},
+    Network, NetworkError, SetPoint,
+    bus::{Answered, AxisIncident, NetworkEvent, PortErrors},
     ds402::State,
     link::Fate,
-    profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
 

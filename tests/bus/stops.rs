@@ -9,14 +9,8 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, StopRequest},
-    bus::Network,
-    coe::obj,
-    drives,
-    ds402::State,
-    link::Fate,
-    pdo_map::Direction,
-    profile_position::{Move, ProfilePosition, SetPoint},
+    Axis, Move, Network, ProfilePosition, SetPoint, StopRequest, coe::obj, drives, ds402::State,
+    link::Fate, pdo_map::Direction,
 };
 use servocrab_sim::{Segment, ds402, personality};
 
@@ -255,7 +249,7 @@ fn a_stop_of_one_axis_withdraws_a_group_that_is_about_to_start_whenever_it_comes
         let mut watched = Watched::new();
         let modes = [watched.mode(0), watched.mode(1)];
         let requests = modes.each_ref().map(|pp| pp.abs(1_000, slow()));
-        let mut together = pin!(servocrab::axis::start_together(requests));
+        let mut together = pin!(servocrab::start_together(requests));
         assert!(poll(&mut together).is_pending());
         for _ in 0..turns {
             assert!(watched.rig.bus.turn());

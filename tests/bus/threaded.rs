@@ -5,7 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use servocrab::{bus::Network, ds402::State, link::Wire, profile_position::SetPoint};
+use servocrab::{Network, SetPoint, ds402::State, link::Wire};
 use servocrab_sim::{AlState, Segment, personality};
 
 use crate::rig::akd2g;

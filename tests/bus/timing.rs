@@ -6,7 +6,8 @@ use std::{
 };
 
 use servocrab::{
-    bus::{Network, WaitStrategy},
+    Network,
+    bus::WaitStrategy,
     link::{Link, Wire},
 };
 use servocrab_sim::{Segment, personality};

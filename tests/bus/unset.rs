@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use servocrab::{
-    bus::{AxisConfig, BringUpStep, DriveConfig, DriveFault, Network, NetworkError, Recovered},
+    AxisConfig, DriveConfig, Network, NetworkError,
+    bus::{BringUpStep, DriveFault, Recovered},
     coe::{Mappable, Object, ReadWrite, obj},
     drives::{self, DriveDescription},
     parameters::StartUpWrite,

@@ -1,7 +1,9 @@
 //! SDO information of simulated drives that have it, and of one that has not.
 
 use servocrab::coe::information::{ListKind, ObjectCode};
-use servocrab::coe::{AnyObject, DriveError, ObjectAddress, SdoError, TypeCode, Unsupported, obj};
+use servocrab::coe::{
+    AnyObject, DriveError, NoInformation, ObjectAddress, SdoError, TypeCode, obj,
+};
 use servocrab_sim::personality::{self, Servo};
 
 use crate::{with_device, with_settings};
@@ -100,7 +102,7 @@ fn a_drive_without_the_service_says_so_whether_its_sii_tells_it_or_not() {
                 let SdoError::NotSupported { reason, .. } = &error else {
                     panic!("{error}");
                 };
-                assert_eq!(*reason == Unsupported::Sii, !asked, "{error}");
+                assert_eq!(*reason == NoInformation::Sii, !asked, "{error}");
                 assert!(handle.read(obj::VENDOR_ID).await.is_ok());
             },
         );

@@ -8,10 +8,11 @@ use core::hash::{Hash, Hasher};
 use core::time::Duration;
 use std::hash::DefaultHasher;
 
-use servocrab::axis::{
-    AxisCore, Command, CommandId, CoreConfig, Event, Inputs, Snapshot, StopRequest,
-};
 use servocrab::ds402::{Controlword, Mode, State};
+use servocrab::{
+    StopRequest,
+    axis::{AxisCore, Command, CommandId, CoreConfig, Event, Inputs, Snapshot},
+};
 
 pub struct CorePair {
     /// On outputs that are kept; it knows which inputs are unchanged.

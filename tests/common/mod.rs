@@ -7,15 +7,18 @@ pub mod frames;
 
 use core::time::Duration;
 
-use servocrab::axis::{
-    AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Referencing,
-    StopRequest,
-};
 use servocrab::coe::AxisOffset;
 use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::{Mode, Statusword};
 use servocrab::pdo_map::{Direction, Layout};
-use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint};
+use servocrab::{
+    Failure, Referencing, StopRequest,
+    axis::{AxisFields, Command, CommandId, Completion, CoreConfig, Event},
+};
+use servocrab::{
+    SetPoint,
+    profile_position::{MoveCommand, Parameters, Reference},
+};
 use servocrab_sim::ds402::{Axis, Behaviour, Executed, Plant};
 
 use frames::{Late, value};

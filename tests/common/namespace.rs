@@ -28,8 +28,9 @@ pub(crate) fn inside_namespace(test: &str) -> bool {
             .status()
             .is_ok_and(|status| status.success());
     if !possible {
-        let message =
-            format!("{test}: SKIPPED: no network namespace can be made here (setpriv, unshare -rn, ip)");
+        let message = format!(
+            "{test}: SKIPPED: no network namespace can be made here (setpriv, unshare -rn, ip)"
+        );
         assert_ne!(
             env::var("CI").as_deref(),
             Ok("true"),

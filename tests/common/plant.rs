@@ -5,10 +5,14 @@
 
 use core::time::Duration;
 
-use servocrab::axis::{
-    AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Referencing,
+use servocrab::{
+    Failure, Referencing,
+    axis::{AxisFields, Command, CommandId, Completion, CoreConfig, Event},
 };
-use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint};
+use servocrab::{
+    SetPoint,
+    profile_position::{MoveCommand, Parameters, Reference},
+};
 
 use super::differential::CorePair;
 use super::frames::{Late, Link, Random};

@@ -4,17 +4,12 @@
 //! compared, and so are the SDO writes and the drive's ledger.
 
 use servocrab::{
-    axis::{
-        Axis, AxisError, AxisErrorKind, Command, CommandId, Delivery, Failure, ParameterFault,
-        Referencing, Unsupported,
-    },
+    Axis, AxisError, BufferMode, Failure, ProfilePosition, Referencing, SetPoint,
+    axis::{AxisErrorKind, Command, CommandId, Delivery, ParameterFault, Unsupported},
     coe::ObjectAddress,
     drives,
     ds402::Mode,
-    profile_position::{
-        BufferMode, Limits, LimitsRule, PositionRange, ProfilePosition, RelativeBase, SetPoint,
-        StartBits,
-    },
+    profile_position::{Limits, LimitsRule, PositionRange, RelativeBase, StartBits},
 };
 
 use servocrab_sim::ds402::{Behaviour, Plant};

@@ -1,8 +1,8 @@
 //! What becomes of futures when the bus goes away.
 
 use servocrab::{
-    axis::{AxisErrorKind, Delivery, Failure},
-    profile_position::SetPoint,
+    Failure, SetPoint,
+    axis::{AxisErrorKind, Delivery},
 };
 
 use crate::machine::{Machine, Task};

@@ -6,11 +6,8 @@ use std::{collections::BTreeMap, future::poll_fn, rc::Rc};
 
 use crate::machine::{Machine, Task, Variant, lock};
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, start_together},
-    ds402::State,
-    homing::{HomingMethod, HomingParameters},
-    profile_position::{BufferMode, Outcome, SetPoint},
-    profile_velocity::JogSetPoint,
+    Axis, AxisError, BufferMode, HomingMethod, HomingParameters, Outcome, SetPoint,
+    axis::AxisErrorKind, ds402::State, profile_velocity::JogSetPoint, start_together,
 };
 
 /// Parameters by SDO, and in the second one the mode as well.

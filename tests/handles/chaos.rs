@@ -1,8 +1,7 @@
 //! Random commands, drops and lost cycles: every future resolves, and the ledger has each move as often as was said.
 
 use servocrab::{
-    axis::{Axis, AxisError, Delivery, Doubt, Failure},
-    profile_position::{BufferMode, Move, ProfilePosition, SetPoint},
+    Axis, AxisError, BufferMode, Doubt, Failure, Move, ProfilePosition, SetPoint, axis::Delivery,
 };
 
 use servocrab_sim::{Faults, FaultyLine, Segment, personality};

@@ -110,7 +110,7 @@ fn a_handle_in_a_log_names_its_axis_and_fits_a_line() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
     let moved = machine
-        .finish(pp.move_abs(1_000, servocrab::profile_position::SetPoint::new()))
+        .finish(pp.move_abs(1_000, servocrab::SetPoint::new()))
         .unwrap();
     let texts = [
         format!("{axis:?}"),

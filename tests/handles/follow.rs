@@ -1,8 +1,9 @@
 //! Paths: moves from a stream, kept flowing into the drive's buffer.
 
 use servocrab::{
-    axis::{AxisError, AxisErrorKind, Delivery, Failure},
-    profile_position::{BufferMode, Follow, Followed, MoveRequest, Outcome, PathError, SetPoint},
+    AxisError, BufferMode, Failure, Outcome, SetPoint,
+    axis::{AxisErrorKind, Delivery},
+    profile_position::{Follow, Followed, MoveRequest, PathError},
 };
 use smol::stream::{self, Stream, StreamExt};
 

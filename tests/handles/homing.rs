@@ -3,13 +3,12 @@
 use core::{sync::atomic::Ordering, time::Duration};
 
 use servocrab::{
-    axis::{
-        AxisErrorKind, Delivery, Failure, ParameterFault, Referencing, Unsupported, WaitingFor,
-    },
+    Failure, HomingMethod, HomingParameters, Referencing, SetPoint,
+    axis::{AxisErrorKind, Delivery, ParameterFault, Unsupported, WaitingFor},
     coe::obj,
     ds402::{Mode, State},
-    homing::{Homed, HomingMethod, HomingParameters},
-    profile_position::{LimitsRule, PositionRange, SetPoint},
+    homing::Homed,
+    profile_position::{LimitsRule, PositionRange},
 };
 use servocrab_sim::ds402::{Axis as Drive, Behaviour, Cause, HomingOutcome};
 
@@ -343,7 +342,7 @@ fn a_halt_ends_a_homing_and_no_resume_brings_it_back() {
     assert!(axis.status().referenced);
 }
 
-type End = fn(&mut Machine, &servocrab::axis::Axis);
+type End = fn(&mut Machine, &servocrab::Axis);
 type Expected = fn(Failure) -> bool;
 
 #[test]

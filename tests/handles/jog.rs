@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use servocrab::{
-    axis::{Axis, AxisErrorKind, Delivery, Failure, ParameterFault, Referencing},
+    Axis, Failure, ProfileVelocity, Referencing, SetPoint,
+    axis::{AxisErrorKind, Delivery, ParameterFault},
     coe::obj,
     ds402::State,
-    profile_position::SetPoint,
-    profile_velocity::{Jog, JogSetPoint, ProfileVelocity},
+    profile_velocity::{Jog, JogSetPoint},
 };
 use servocrab_sim::ds402::{Behaviour, Plant, VelocityEnd};
 

@@ -4,10 +4,8 @@ use core::sync::atomic::Ordering;
 
 use crate::machine::{Machine, Task, Variant, kept, slow};
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Failure, start_together},
-    homing::{HomingMethod, HomingParameters},
-    profile_position::{BufferMode, SetPoint},
-    profile_velocity::JogSetPoint,
+    Axis, AxisError, BufferMode, Failure, HomingMethod, HomingParameters, SetPoint,
+    axis::AxisErrorKind, profile_velocity::JogSetPoint, start_together,
 };
 
 fn to_the_switch() -> HomingParameters {

@@ -2,10 +2,14 @@
 
 use core::sync::atomic::Ordering;
 
-use servocrab::axis::{Axis, AxisErrorKind, Delivery, Failure, start_together};
+use servocrab::SetPoint;
 use servocrab::coe::obj;
 use servocrab::ds402::Mode;
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Axis, Failure,
+    axis::{AxisErrorKind, Delivery},
+    start_together,
+};
 use servocrab_sim::ds402::Behaviour;
 
 use crate::machine::{Machine, Task, Variant};

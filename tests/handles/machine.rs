@@ -16,15 +16,16 @@ use std::{
 };
 
 use servocrab::{
+    Axis, Outcome, Referencing,
     axis::{
-        Axis, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
-        BoxFuture, CoreConfig, GroupQueue, Groups, Inputs, ParameterAccess, Referencing,
+        AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, BoxFuture,
+        CoreConfig, GroupQueue, Groups, Inputs, ParameterAccess,
     },
     coe::{AbortCode, AnyObject, AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj},
     drives,
     ds402::StopOptions,
     pdo_map::{Direction, Layout, Mapping},
-    profile_position::{Limits, Outcome, Parameters, Traits},
+    profile_position::{Limits, Parameters, Traits},
     units::AxisScale,
 };
 use servocrab_sim::ds402;

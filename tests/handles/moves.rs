@@ -3,9 +3,10 @@
 use std::{sync::atomic::Ordering, time::Duration};
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure, ParameterFault, Unsupported},
+    BufferMode, Failure, SetPoint,
+    axis::{AxisErrorKind, ParameterFault, Unsupported},
     ds402::State,
-    profile_position::{BufferMode, SetPoint, StartBits},
+    profile_position::StartBits,
 };
 
 use crate::machine::{Machine, Task, Variant, at_target};

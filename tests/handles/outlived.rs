@@ -2,10 +2,7 @@
 //! enabled again.
 
 use servocrab::{
-    axis::{Axis, Failure},
-    ds402::State,
-    homing::{HomingMethod, HomingParameters},
-    profile_position::{Delivery, SetPoint},
+    Axis, Failure, HomingMethod, HomingParameters, SetPoint, axis::Delivery, ds402::State,
     profile_velocity::JogSetPoint,
 };
 

@@ -1,8 +1,8 @@
 //! The five profile parameters go by process data or by SDO, each where it is mapped or is not; the drive sees the same.
 
 use servocrab::{
+    SetPoint,
     coe::{AnyObject, obj},
-    profile_position::SetPoint,
     profile_velocity::JogSetPoint,
 };
 use servocrab_sim::ds402::{Behaviour, Executed};

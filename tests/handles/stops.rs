@@ -1,10 +1,10 @@
 //! Halts, stops, the stop lane, and what dropping handles does.
 
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure},
+    Axis, AxisError, BufferMode, Failure, Outcome, SetPoint,
+    axis::{AxisErrorKind, Delivery},
     coe::{AnyObject, obj},
     ds402::{State, StopOptions},
-    profile_position::{BufferMode, Outcome, SetPoint},
 };
 use servocrab_sim::ds402;
 

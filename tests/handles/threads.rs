@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::profile_position::SetPoint;
+use servocrab::SetPoint;
 
 use crate::machine::Machine;
 

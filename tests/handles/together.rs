@@ -12,10 +12,10 @@ use std::{
 };
 
 use servocrab::{
-    axis::{AxisError, AxisErrorKind, Delivery, Doubt, Failure, start_together},
-    profile_position::{
-        BufferMode, Limits, MoveRequest, PositionRange, ProfilePosition, RelativeBase, SetPoint,
-    },
+    AxisError, BufferMode, Doubt, Failure, ProfilePosition, SetPoint,
+    axis::{AxisErrorKind, Delivery},
+    profile_position::{Limits, MoveRequest, PositionRange, RelativeBase},
+    start_together,
     units::{Mm, Ratio, Scale},
 };
 

@@ -1,12 +1,13 @@
 //! The same handles in millimetres: numbers are converted, and nothing else is different.
 
 use servocrab::{
-    axis::{Axis, AxisErrorKind, Delivery, Failure, ParameterFault, Referencing, start_together},
+    Axis, BufferMode, Failure, HomingMethod, HomingParameters, Outcome, ProfilePosition,
+    Referencing, SetPoint,
+    axis::{AxisErrorKind, Delivery, ParameterFault},
     coe::{ObjectAddress, obj},
-    homing::HomingMethod,
-    homing::HomingParameters,
-    profile_position::{BufferMode, Limits, Outcome, ProfilePosition, Reference, SetPoint},
+    profile_position::{Limits, Reference},
     profile_velocity::JogSetPoint,
+    start_together,
     units::{AxisScale, Degree, Edition, Mm, Quantity, Ratio, Scale, ScaleError},
 };
 use servocrab_sim::ds402::{Behaviour, Plant};

@@ -1,8 +1,8 @@
 //! The devices of a line, by a seed, and how a program declares them.
 
 use servocrab::{
-    axis::Referencing,
-    bus::{DriveConfig, Expected, IoConfig, NetworkBuilder},
+    DriveConfig, Referencing,
+    bus::{Expected, IoConfig, NetworkBuilder},
     drives::{self, DriveDescription},
 };
 use servocrab_sim::{Device, personality};

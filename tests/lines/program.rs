@@ -7,11 +7,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{
-    axis::{Axis, Failure},
-    bus::{Network, NetworkError, NetworkEvent},
-    profile_position::{BufferMode, SetPoint},
-};
+use servocrab::{Axis, BufferMode, Failure, Network, NetworkError, SetPoint, bus::NetworkEvent};
 
 use crate::{
     judge::{AxisPlace, Judge},
@@ -132,7 +128,7 @@ async fn moves(
     place: AxisPlace,
     random: &mut Random,
     number: &mut i32,
-) -> Option<servocrab::axis::AxisError> {
+) -> Option<servocrab::AxisError> {
     let mode = common.in_time("the mode", COMMAND_LIMIT, axis.profile_position());
     let mode = match mode.await {
         Ok(mode) => mode,

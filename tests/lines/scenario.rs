@@ -9,10 +9,10 @@ use std::{
 };
 
 use servocrab::{
-    bus::{BusLoop, Network, NetworkBuilder, NetworkError},
+    BufferMode, Network, NetworkError, Outcome, SetPoint,
+    bus::{BusLoop, NetworkBuilder},
     coe::obj,
     drives,
-    profile_position::{BufferMode, Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Segment, ds402::Plant, ds402::State, personality};
 
@@ -355,7 +355,7 @@ impl Scenario {
 }
 
 async fn moves_once(
-    axis: &servocrab::axis::Axis,
+    axis: &servocrab::Axis,
     common: &Common,
     place: crate::judge::AxisPlace,
 ) -> Result<(), Box<dyn std::error::Error>> {

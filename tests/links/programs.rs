@@ -13,10 +13,9 @@ use std::{
 
 use crate::namespace::{Process, inside_namespace, run, say, simulated, simulated_on, veth_pair};
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DriveConfig, Network, NetworkBuilder, NetworkError, Statistics},
+    AxisConfig, DriveConfig, Network, NetworkError, Outcome, Referencing, SetPoint,
+    bus::{NetworkBuilder, Statistics},
     drives,
-    profile_position::{Outcome, SetPoint},
 };
 
 /// A program of this workspace, as built with the tests.

@@ -8,7 +8,8 @@ use std::{
 };
 
 use servocrab::{
-    bus::{DriveConfig, Network, NetworkError, RealTime, RealTimeError, Scheduling},
+    DriveConfig, Network, NetworkError,
+    bus::{RealTime, RealTimeError, Scheduling},
     drives,
     link::Wire,
 };

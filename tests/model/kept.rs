@@ -1,7 +1,7 @@
 //! Ways that once broke a law.
 
+use servocrab::BufferMode;
 use servocrab::axis::{Completion, Event};
-use servocrab::profile_position::BufferMode;
 
 use crate::{
     descriptions,

@@ -5,13 +5,17 @@ use core::hash::{Hash, Hasher};
 use core::time::Duration;
 use std::hash::DefaultHasher;
 
-use servocrab::axis::{
-    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Delivery, Event,
-    Failure, Inputs, Loss, Referencing,
-};
 use servocrab::ds402::{Controlword, QuickStopOption};
-use servocrab::profile_position::{
-    BufferMode, BufferSignal, MoveCommand, Parameters, Reference, SetPoint, StartBits, Traits,
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{BufferSignal, MoveCommand, Parameters, Reference, StartBits, Traits},
+};
+use servocrab::{
+    Failure, Referencing,
+    axis::{
+        AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Delivery,
+        Event, Inputs, Loss,
+    },
 };
 
 use crate::fingerprint::{self, Fingerprint, MOST};

@@ -7,12 +7,18 @@ mod circle;
 use core::time::Duration;
 
 use circle::{Circle, Turn};
-use servocrab::axis::{
-    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Event, Inputs,
-    Referencing, Tolerances,
-};
 use servocrab::ds402::Mode;
-use servocrab::profile_position::{BufferMode, MoveCommand, PositionRange, Reference, SetPoint};
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{MoveCommand, PositionRange, Reference},
+};
+use servocrab::{
+    Referencing,
+    axis::{
+        AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Event, Inputs,
+        Tolerances,
+    },
+};
 
 type Small = Circle<8>;
 

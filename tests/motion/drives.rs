@@ -6,10 +6,11 @@ use std::path::PathBuf;
 
 use servocrab::drives::{self, DriveDescription};
 use servocrab::pdo_map::Direction;
-use servocrab::profile_position::{
-    BufferMode, BufferSignal, LimitsActive, LimitsOff, RelativeBase, StartBits,
-};
 use servocrab::sii::Identity;
+use servocrab::{
+    BufferMode,
+    profile_position::{BufferSignal, LimitsActive, LimitsOff, RelativeBase, StartBits},
+};
 use servocrab_sim::{Device, personality};
 
 const BEGIN: &str = "<!-- written by `WRITE_DRIVES=1 cargo test --test motion drives` -->\n";

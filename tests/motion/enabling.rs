@@ -2,9 +2,12 @@
 //! goes on by itself, or refuses with that reason; and what it gave up is not done later.
 
 use crate::common::Rig;
-use servocrab::axis::{Command, Completion, Failure, Inhibit, WaitingFor};
+use servocrab::SetPoint;
 use servocrab::ds402::{Controlword, State, Statusword};
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Failure,
+    axis::{Command, Completion, Inhibit, WaitingFor},
+};
 use servocrab_sim::ds402::{self, Behaviour};
 
 /// Cycles within which `enable` gives up: its deadline, and some more.

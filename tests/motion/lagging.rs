@@ -3,8 +3,14 @@
 
 use crate::common::Link;
 use crate::plant::{Bus, End, Habits};
-use servocrab::axis::{Command, CommandId, Completion, Doubt, Failure};
-use servocrab::profile_position::{BufferMode, BufferSignal, MoveCommand, Reference, SetPoint};
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{BufferSignal, MoveCommand, Reference},
+};
+use servocrab::{
+    Doubt, Failure,
+    axis::{Command, CommandId, Completion},
+};
 
 /// An axis that goes 32 counts past its end at 500 000 counts/s², critically damped.
 fn overshooting() -> Habits {

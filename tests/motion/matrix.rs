@@ -4,9 +4,15 @@
 use std::{fmt::Write, thread};
 
 use crate::common::{Link, Rig};
-use servocrab::axis::{Command, CommandId, Completion, Event, Failure};
 use servocrab::ds402::{Mode, QuickStopOption, State};
-use servocrab::profile_position::{BufferMode, MoveCommand, Reference, SetPoint};
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{MoveCommand, Reference},
+};
+use servocrab::{
+    Failure,
+    axis::{Command, CommandId, Completion, Event},
+};
 use servocrab_sim::ds402::{Behaviour, Plant};
 
 const EXPECTED: &str = include_str!("../vectors/matrix.txt");

@@ -1,9 +1,13 @@
 //! Modulo axes: positions that begin again are compared around the turn, on a simulated drive whose 607Bh makes it wrap.
 
 use crate::common::{Link, Rig};
-use servocrab::axis::{Completion, CoreConfig, Doubt, Failure};
-use servocrab::profile_position::{
-    BufferMode, BufferSignal, Limits, PositionRange, RelativeBase, SetPoint,
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{BufferSignal, Limits, PositionRange, RelativeBase},
+};
+use servocrab::{
+    Doubt, Failure,
+    axis::{Completion, CoreConfig},
 };
 use servocrab_sim::ds402::{AckPolicy, Behaviour, LimitViolation, Outcome};
 

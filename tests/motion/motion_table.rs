@@ -8,7 +8,7 @@ use crate::common::{CYCLE, Rig};
 use servocrab::axis::{Command, Completion};
 use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::QuickStopOption;
-use servocrab::profile_position::{BufferMode, SetPoint};
+use servocrab::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Plant};
 
 /// How many plants each cell is tried with; the longest time is told.

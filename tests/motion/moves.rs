@@ -3,17 +3,19 @@
 use core::time::Duration;
 
 use crate::common::{Link, Rig};
-use servocrab::axis::{
-    Command, CommandId, Completion, Doubt, Event, Failure, Referencing, Unsupported,
-};
 use servocrab::coe::obj;
 use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::Mode;
-use servocrab::homing::{HomingCommand, HomingMethod};
-use servocrab::profile_position::{
-    BufferMode, BufferSignal, Limits, PositionRange, RelativeBase, SetPoint,
-};
 use servocrab::profile_velocity::JogSetPoint;
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{BufferSignal, Limits, PositionRange, RelativeBase},
+};
+use servocrab::{
+    Doubt, Failure, Referencing,
+    axis::{Command, CommandId, Completion, Event, Unsupported},
+};
+use servocrab::{HomingMethod, homing::HomingCommand};
 use servocrab_sim::ds402::{
     AckFault, AckPolicy, Behaviour, Bit5, Executed, LimitViolation, Outcome,
 };

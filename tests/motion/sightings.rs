@@ -3,12 +3,17 @@
 
 use core::time::Duration;
 
-use servocrab::axis::{
-    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Inputs,
-    Referencing, Tolerances,
-};
 use servocrab::ds402::Mode;
-use servocrab::profile_position::{BufferMode, BufferSignal, MoveCommand, Reference, SetPoint};
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{BufferSignal, MoveCommand, Reference},
+};
+use servocrab::{
+    Failure, Referencing,
+    axis::{
+        AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Event, Inputs, Tolerances,
+    },
+};
 
 use {BufferSignal::Acknowledge, Start::AtRest, Start::InMotion};
 /// Bit 12 follows bit 4.

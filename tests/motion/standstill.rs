@@ -2,12 +2,18 @@
 
 use core::time::Duration;
 
-use servocrab::axis::{
-    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Event, Failure,
-    Inputs, Referencing, StopRequest, Unsupported, WaitingFor,
-};
 use servocrab::ds402::{Mode, QuickStopOption, State, StopOptions};
-use servocrab::profile_position::{MoveCommand, Reference, SetPoint};
+use servocrab::{
+    Failure, Referencing, StopRequest,
+    axis::{
+        AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Event, Inputs,
+        Unsupported, WaitingFor,
+    },
+};
+use servocrab::{
+    SetPoint,
+    profile_position::{MoveCommand, Reference},
+};
 
 const HALT: u16 = 1 << 8;
 

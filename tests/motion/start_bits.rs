@@ -1,8 +1,11 @@
 //! Bits 5, 6 and 9 of an AKD2G's set-points: on a drive that takes them from the word before bit 4, and on one that takes them with it.
 
 use crate::common::Rig;
-use servocrab::axis::{Command, CommandId, Failure};
-use servocrab::profile_position::{BufferMode, Reference, SetPoint};
+use servocrab::{BufferMode, SetPoint, profile_position::Reference};
+use servocrab::{
+    Failure,
+    axis::{Command, CommandId},
+};
 use servocrab_sim::ds402::{Behaviour, Outcome};
 
 const ENABLED: u16 = 0x0F;

@@ -3,12 +3,15 @@
 use core::time::Duration;
 
 use crate::common::{Link, Rig};
-use servocrab::axis::{Command, CommandId, Completion, Delivery, Event, Failure, StopRequest};
+use servocrab::SetPoint;
 use servocrab::coe::obj;
 use servocrab::drives;
 use servocrab::ds402::{Mode, QuickStopOption, State};
-use servocrab::profile_position::SetPoint;
 use servocrab::profile_velocity::JogSetPoint;
+use servocrab::{
+    Failure, StopRequest,
+    axis::{Command, CommandId, Completion, Delivery, Event},
+};
 use servocrab_sim::ds402::{self, Behaviour, Plant};
 
 #[test]

@@ -4,9 +4,12 @@
 //! SDO frames and mapping entries are pinned as bytes beside their codecs (`src/coe/sdo/tests.rs`, `src/pdo_map/`).
 
 use crate::common::Rig;
-use servocrab::axis::{Delivery, Doubt, Failure, Inhibit, WaitingFor};
 use servocrab::ds402::{Controlword, Mode, PowerCommand, State, Statusword, describe_error_code};
-use servocrab::profile_position::{BufferMode, Reference, SetPoint};
+use servocrab::{BufferMode, SetPoint, profile_position::Reference};
+use servocrab::{
+    Doubt, Failure,
+    axis::{Delivery, Inhibit, WaitingFor},
+};
 
 const STATES: &str = include_str!("../vectors/statusword_states.txt");
 const COMMANDS: &str = include_str!("../vectors/device_commands.txt");

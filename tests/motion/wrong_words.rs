@@ -2,9 +2,12 @@
 //! keeps its brake, everything asked for ends, and the axis can be enabled again.
 
 use crate::common::{Link, Rig};
-use servocrab::axis::{Command, CommandId, Completion, Failure};
+use servocrab::SetPoint;
 use servocrab::ds402::{QuickStopOption, State};
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Failure,
+    axis::{Command, CommandId, Completion},
+};
 use servocrab_sim::ds402::{self, Behaviour};
 
 /// A word of each state, and one of none.

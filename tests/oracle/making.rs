@@ -2,11 +2,11 @@
 
 use core::time::Duration;
 
-use servocrab::axis::{CoreConfig, Referencing};
 use servocrab::ds402::QuickStopOption;
 use servocrab::profile_position::{
     BufferSignal, Parameters, PositionRange, RelativeBase, StartBits, Traits,
 };
+use servocrab::{Referencing, axis::CoreConfig};
 
 use crate::drive::{Ack, Base, Making};
 use crate::habits::{BEYOND, Habit, Habits, MODEL, Side, all};

@@ -1,7 +1,7 @@
 //! The parts of an outcome, beyond its class.
 
-pub use servocrab::axis::FailureClass as Class;
-use servocrab::axis::{Delivery, Failure};
+pub use servocrab::FailureClass as Class;
+use servocrab::{Failure, axis::Delivery};
 
 pub const fn name(class: Class) -> &'static str {
     match class {

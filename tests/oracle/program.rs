@@ -2,9 +2,12 @@
 
 use servocrab::axis::Command;
 use servocrab::ds402::Mode;
-use servocrab::homing::{HomingCommand, HomingMethod};
-use servocrab::profile_position::{BufferMode, MoveCommand, Reference, SetPoint};
 use servocrab::profile_velocity::JogSetPoint;
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{MoveCommand, Reference},
+};
+use servocrab::{HomingMethod, homing::HomingCommand};
 
 use crate::random::Random;
 use crate::scenario::Scenario;

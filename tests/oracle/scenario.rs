@@ -3,12 +3,16 @@
 use core::time::Duration;
 use std::collections::VecDeque;
 
-use servocrab::axis::{
-    Command, CommandId, Completion, CoreConfig, Event, Failure, Inputs, StopRequest,
-};
 use servocrab::ds402::Mode;
-use servocrab::homing::{HomingCommand, HomingMethod};
-use servocrab::profile_position::{BufferMode, MoveCommand, Reference};
+use servocrab::{
+    BufferMode,
+    profile_position::{MoveCommand, Reference},
+};
+use servocrab::{
+    Failure, StopRequest,
+    axis::{Command, CommandId, Completion, CoreConfig, Event, Inputs},
+};
+use servocrab::{HomingMethod, homing::HomingCommand};
 
 use crate::cable::{Cable, Told};
 use crate::drive::Drive;

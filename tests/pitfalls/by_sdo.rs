@@ -10,15 +10,18 @@ use core::{
 };
 use std::sync::{Arc, Mutex};
 
-use servocrab::axis::{
-    Axis, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSetup, AxisSource, BoxFuture,
-    CoreConfig, Delivery, Failure, GroupQueue, Inputs, ParameterAccess, Referencing, StopRequest,
-};
 use servocrab::coe::{AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj};
 use servocrab::drives;
 use servocrab::pdo_map::{Direction, Layout, Mapping};
-use servocrab::profile_position::{Outcome, ProfilePosition, SetPoint};
 use servocrab::units::AxisScale;
+use servocrab::{
+    Axis, Failure, Referencing, StopRequest,
+    axis::{
+        AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSetup, AxisSource, BoxFuture, CoreConfig,
+        Delivery, GroupQueue, Inputs, ParameterAccess,
+    },
+};
+use servocrab::{Outcome, ProfilePosition, SetPoint};
 use servocrab_sim::ds402::{self, Behaviour};
 
 const CYCLE: Duration = Duration::from_millis(1);

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use servocrab::SetPoint;
 use servocrab::axis::AxisFields;
 use servocrab::coe::{AxisOffset, Mappable, Object, ReadWrite, obj};
 use servocrab::drives;
-use servocrab::pdo_map::{Direction, Limits, Mapping, MappingError};
-use servocrab::profile_position::SetPoint;
+use servocrab::pdo_map::{Direction, Mapping, MappingError, MappingLimits};
 use servocrab_sim::ds402::{Behaviour, ModeZero};
 
 use crate::common::Rig;
@@ -49,9 +49,9 @@ fn pitfall_30_a_mapping_is_emptied_before_it_is_written() {
 #[test]
 fn pitfall_32_more_than_eight_entries_are_refused_where_the_drive_takes_eight() {
     let mut builder = Mapping::builder()
-        .limits(Limits {
+        .limits(MappingLimits {
             entries_per_pdo: 8,
-            ..Limits::default()
+            ..MappingLimits::default()
         })
         .rx_pdo(0x1600);
     for subindex in 1..=9 {

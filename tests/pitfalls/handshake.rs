@@ -1,8 +1,11 @@
 //! Pitfalls 1 to 6: bit 4 and bit 12.
 
-use servocrab::axis::{Completion, Delivery, Doubt, Failure, WaitingFor};
 use servocrab::ds402::Statusword;
-use servocrab::profile_position::{BufferMode, SetPoint};
+use servocrab::{BufferMode, SetPoint};
+use servocrab::{
+    Doubt, Failure,
+    axis::{Completion, Delivery, WaitingFor},
+};
 use servocrab_sim::ds402::{AckFault, AckPolicy, Behaviour, Outcome};
 
 use crate::common::{Link, Rig};

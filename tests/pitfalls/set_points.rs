@@ -1,7 +1,10 @@
 //! Pitfalls 7 to 13: what a set-point carries, and what is said about it.
 
-use servocrab::axis::{Command, Completion, Event, Failure, ParameterFault};
-use servocrab::profile_position::{BufferMode, SetPoint};
+use servocrab::{BufferMode, SetPoint};
+use servocrab::{
+    Failure,
+    axis::{Command, Completion, Event, ParameterFault},
+};
 use servocrab_sim::ds402::{Behaviour, Outcome};
 
 use crate::common::{Link, Rig};

@@ -2,11 +2,12 @@
 
 use core::time::Duration;
 
-use servocrab::axis::{
-    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Failure, Inputs,
-};
+use servocrab::SetPoint;
 use servocrab::ds402::{Mode, QuickStopOption, State, Statusword, SupportedModes};
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Failure,
+    axis::{AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Inputs},
+};
 use servocrab_sim::ds402::Behaviour;
 
 use crate::common::Rig;

@@ -1,8 +1,11 @@
 //! Pitfalls 14 to 19: halt, quick stop, and how soon they are sent.
 
-use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure, StopRequest};
+use servocrab::SetPoint;
 use servocrab::ds402::{Mode, QuickStopOption, State};
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Failure, StopRequest,
+    axis::{Command, CommandId, Completion, Delivery},
+};
 use servocrab_sim::ds402::{Behaviour, Outcome};
 
 use crate::common::Rig;

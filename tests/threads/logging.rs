@@ -13,14 +13,11 @@ use std::{
 };
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure, Referencing, StopRequest},
-    bus::{
-        AlState as State, AxisConfig, BringUpStep, BusLoop, DriveConfig, Network, NetworkBuilder,
-        Recovered,
-    },
+    AxisConfig, DriveConfig, Failure, Network, Outcome, Referencing, SetPoint, StopRequest,
+    axis::AxisErrorKind,
+    bus::{AlState as State, BringUpStep, BusLoop, NetworkBuilder, Recovered},
     drives,
     link::Wire,
-    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Segment, personality};
 use tracing::Level;

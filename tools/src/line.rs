@@ -4,7 +4,8 @@ use std::{fmt::Write, path::PathBuf, str::FromStr};
 
 use clap::{Args, ValueEnum};
 use servocrab::{
-    bus::{Line, LineDevice, Network, NetworkBuilder},
+    Network,
+    bus::{Line, LineDevice, NetworkBuilder},
     coe::{DriveId, SdoHandle},
     link::Wire,
 };

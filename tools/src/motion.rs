@@ -5,8 +5,8 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::{Value, json};
 use servocrab::{
-    Axis, AxisConfig, BufferMode, HomingMethod, HomingParameters, Network, Referencing, SetPoint,
-    coe::obj, profile_position::Outcome, profile_velocity::JogSetPoint,
+    Axis, AxisConfig, BufferMode, HomingMethod, HomingParameters, Network, Outcome, Referencing,
+    SetPoint, coe::obj, profile_velocity::JogSetPoint,
 };
 
 use crate::{
@@ -176,7 +176,7 @@ pub(crate) async fn move_axis(tool: &Tool, arguments: &Move) -> Done {
         let motion = if arguments.to.is_some() {
             let begun = positions.move_abs(end, set_point).await;
             begun.map_err(|error| match error.failure() {
-                Some(servocrab::axis::Failure::NotReferenced) => Failure::from(
+                Some(servocrab::Failure::NotReferenced) => Failure::from(
                     "the axis is not referenced: home it by `servocrab home`, or say --unreferenced to take the drive's counts as they are",
                 ),
                 _ => error.into(),
@@ -275,7 +275,7 @@ fn failures(failed: Option<Failure>, left: Vec<Failure>, position: f64) -> Vec<F
 
 #[cfg(test)]
 mod tests {
-    use servocrab::bus::NetworkError;
+    use servocrab::NetworkError;
 
     use super::*;
 

@@ -14,7 +14,7 @@ use pcap_file::{
     pcap::PcapReader,
     pcapng::{Block, PcapNgReader},
 };
-use servocrab::{bus::Network, link::Wire};
+use servocrab::{Network, link::Wire};
 use servocrab_sim::{Segment, personality};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;

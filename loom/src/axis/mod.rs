@@ -1,7 +1,8 @@
 //! What an axis shares.
 
-pub(crate) use servocrab::axis::{
-    Command, CommandId, Completion, Delivery, Failure, Snapshot, StopRequest,
+pub(crate) use servocrab::{
+    Failure, StopRequest,
+    axis::{Command, CommandId, Completion, Delivery, Snapshot},
 };
 
 #[path = "../../../src/handle/output_cells.rs"]
@@ -33,11 +34,11 @@ impl Status {
     }
 
     pub(crate) fn read(&self) -> Snapshot {
-        self.0.snapshot_after(0)
+        self.0.sample(|snapshot, _| snapshot)
     }
 
     pub(crate) fn inputs(&self) -> [u8; 8] {
-        self.0.inputs(0)
+        self.0.sample(|_, inputs| inputs.bytes(0))
     }
 }
 

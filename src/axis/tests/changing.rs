@@ -7,15 +7,13 @@ use super::played::{
     QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, SlowModes, absolute,
 };
 use crate::{
+    BufferMode, Doubt, Failure, Referencing, SetPoint,
     axis::{
-        AxisFields, Command, Completion, CoreConfig, Delivery, Doubt, Event, Failure,
-        ParameterFault, Referencing, Unsupported, WaitingFor,
+        AxisFields, Command, Completion, CoreConfig, Delivery, Event, ParameterFault, Unsupported,
+        WaitingFor,
     },
     ds402::{Mode, State, SupportedModes},
-    profile_position::{
-        BufferMode, Limits, MoveCommand, Parameters, PositionRange, Reference, RelativeBase,
-        SetPoint,
-    },
+    profile_position::{Limits, MoveCommand, Parameters, PositionRange, Reference, RelativeBase},
     profile_velocity::JogSetPoint,
 };
 

@@ -2,8 +2,8 @@
 
 use super::played::{ACKNOWLEDGED, ENABLED, Played, REACHED, absolute};
 use crate::{
-    axis::{Command, CommandId, Event, Failure},
-    profile_position::{BufferMode, SetPoint},
+    BufferMode, Failure, SetPoint,
+    axis::{Command, CommandId, Event},
 };
 
 fn ask(drive: &mut Played, target: i32, buffer_mode: BufferMode, gated: bool) -> CommandId {

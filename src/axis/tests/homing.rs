@@ -1,10 +1,7 @@
 //! Homings whose drive shows bits of an earlier one, does not begin, or does not come to rest.
 
 use super::played::{ENABLED, HOME, Played, REACHED};
-use crate::{
-    axis::{Command, Failure},
-    ds402::Mode,
-};
+use crate::{Failure, axis::Command, ds402::Mode};
 
 /// A drive that keeps bit 13 of an earlier homing until the next has ended.
 #[test]

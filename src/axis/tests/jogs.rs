@@ -2,7 +2,8 @@
 
 use super::played::{ENABLED, FIELDS, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED};
 use crate::{
-    axis::{AxisFields, Command, CommandId, CoreConfig, Failure},
+    Failure,
+    axis::{AxisFields, Command, CommandId, CoreConfig},
     ds402::{Mode, State},
     profile_velocity::JogSetPoint,
 };

@@ -17,7 +17,8 @@ mod loss {
         absolute,
     };
     use crate::{
-        axis::{Command, Completion, Delivery, Event, Failure, Inputs},
+        Failure,
+        axis::{Command, Completion, Delivery, Event, Inputs},
         ds402::{Controlword, Mode, State},
         profile_position::Limits,
         profile_velocity::JogSetPoint,
@@ -340,7 +341,7 @@ mod loss {
     fn an_axis_that_is_lost_is_referenced_no_more() {
         let mut config = Played::config();
         config.homed = true;
-        config.referencing = crate::axis::Referencing::ByHoming;
+        config.referencing = crate::Referencing::ByHoming;
         let mut drive = Played::enabled(config);
         assert!(drive.core.snapshot().referenced);
         drive.cycles(10, Brings::Nothing, REACHED);
@@ -407,7 +408,8 @@ mod modes {
 
     use super::played::{FIELDS, HOME, Played};
     use crate::{
-        axis::{Command, Completion, CoreConfig, Delivery, Failure},
+        Failure,
+        axis::{Command, Completion, CoreConfig, Delivery},
         ds402::Mode,
         profile_velocity::JogSetPoint,
     };
@@ -502,7 +504,8 @@ mod resetting {
         SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
     };
     use crate::{
-        axis::{Command, CommandId, Completion, CoreConfig, Failure, WaitingFor},
+        Failure,
+        axis::{Command, CommandId, Completion, CoreConfig, WaitingFor},
         ds402::{State, Statusword},
     };
 
@@ -711,7 +714,8 @@ mod standing {
         SWITCH_ON_DISABLED, stopped,
     };
     use crate::{
-        axis::{Command, CommandId, CoreConfig, Failure, StopRequest},
+        Failure, StopRequest,
+        axis::{Command, CommandId, CoreConfig},
         ds402::{Mode, State, StopOptions},
         profile_velocity::JogSetPoint,
     };

@@ -3,14 +3,17 @@
 use alloc::{collections::VecDeque, vec::Vec};
 use core::time::Duration;
 
-use crate::axis::{
-    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Event, Failure,
-    Inputs, Referencing, StopRequest,
+use crate::{
+    Failure, Referencing, StopRequest,
+    axis::{
+        AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Event, Inputs,
+    },
 };
 use crate::{
+    HomingMethod, SetPoint,
     ds402::{Mode, QuickStopOption, State},
-    homing::{HomingCommand, HomingMethod},
-    profile_position::{MoveCommand, Reference, SetPoint},
+    homing::HomingCommand,
+    profile_position::{MoveCommand, Reference},
 };
 
 /// Statuswords of the states, with bit 9 (remote).

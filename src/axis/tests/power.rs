@@ -7,7 +7,8 @@ use super::played::{
     SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
-    axis::{Command, CommandId, Completion, CoreConfig, Failure, Inhibit, WaitingFor},
+    Failure,
+    axis::{Command, CommandId, Completion, CoreConfig, Inhibit, WaitingFor},
     ds402::{Controlword, QuickStopOption, State, Statusword},
 };
 

@@ -7,7 +7,8 @@ use super::played::{
     SWITCHED_ON, absolute,
 };
 use crate::{
-    axis::{Command, CommandId, CoreConfig, Inputs, StopRequest},
+    StopRequest,
+    axis::{Command, CommandId, CoreConfig, Inputs},
     ds402::{Controlword, Mode},
     profile_velocity::JogSetPoint,
 };

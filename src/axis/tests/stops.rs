@@ -7,9 +7,10 @@ use super::played::{
     QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
+    Failure, StopRequest,
     axis::{
-        AxisFields, Command, CommandId, Completion, Delivery, Event, Failure, Inputs, StopRequest,
-        Unsupported, WaitingFor,
+        AxisFields, Command, CommandId, Completion, Delivery, Event, Inputs, Unsupported,
+        WaitingFor,
     },
     ds402::{Mode, State},
     profile_velocity::JogSetPoint,

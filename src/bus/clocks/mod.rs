@@ -35,11 +35,11 @@ const SYNC1_ON: u16 = 0x0400;
 /// A drive's distributed clock in use: its SYNC0 pulses at the same time in every cycle, and the network keeps its cycles in
 /// step with that.
 ///
-/// Give it to [`DriveConfig::dc`](crate::bus::DriveConfig::dc). The words for `assign_activate` are in the drive's ESI file
+/// Give it to [`DriveConfig::dc`](crate::DriveConfig::dc). The words for `assign_activate` are in the drive's ESI file
 /// (`Dc`, `OpMode`, `AssignActivate`) and in its manual; 0300h, SYNC0 alone, is the usual one.
 ///
 /// ```
-/// use servocrab::bus::{DistributedClock, DriveConfig};
+/// use servocrab::{DriveConfig, bus::DistributedClock};
 /// use servocrab::drives;
 /// use std::time::Duration;
 ///

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::reference_clock::{self, Distribution, Slot};
-use crate::{coe::MailboxSignal, esc, profile_position::WorkingCounter};
+use crate::{axis::WorkingCounter, coe::MailboxSignal, esc};
 
 /// Bytes of the Ethernet header.
 pub(in crate::bus) const ETHERNET_HEADER: usize = 14;

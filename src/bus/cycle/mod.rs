@@ -25,12 +25,12 @@ use std::{
 
 use crate::{
     axis::Inputs,
+    axis::WorkingCounter,
     bus::{
         cable::{receive_deadline, time_on_cable},
         error::{AlState, AlStatus, NetworkError, ReferenceClock},
     },
     link::Link,
-    profile_position::WorkingCounter,
     wakes::{Waiters, Wakes},
 };
 
@@ -1198,7 +1198,7 @@ impl Stepper for TickSource {
 }
 
 /// The time of a network's cycles: by it a program waits for the next inputs, or for a while. From
-/// [`Network::clock`](crate::bus::Network::clock); clones are the same clock.
+/// [`Network::clock`](crate::Network::clock); clones are the same clock.
 ///
 /// On a real link it goes as every clock does. On a [`Wire`](crate::link::Wire) in virtual time it goes as fast as the loop is
 /// turned, so that a test of a machine's pauses takes no time: see
@@ -1206,7 +1206,7 @@ impl Stepper for TickSource {
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # use servocrab::{bus::{Expected, IoConfig, Network}, link::Wire};
+/// # use servocrab::{Network, bus::{Expected, IoConfig}, link::Wire};
 /// # use servocrab_sim::{Segment, personality};
 /// # let mut terminal = personality::digital_inputs();
 /// # terminal.set_inputs(&[1]);
@@ -1271,7 +1271,7 @@ impl CycleClock {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use crate::{
-    axis::{Deadlines, Loss, Referencing, Tolerances},
+    Referencing,
+    axis::{Deadlines, Loss, Tolerances},
     bus::{clocks::DistributedClock, expected::Expected},
     coe::{AnyObject, DriveId},
     drives::{DriveDescription, FurtherObject},
@@ -17,7 +18,7 @@ use crate::{
 /// A drive of the line: what it is, its axes, and what is to be configured.
 ///
 /// ```
-/// use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives};
+/// use servocrab::{AxisConfig, DriveConfig, coe::obj, drives};
 /// let drive = DriveConfig::new(drives::akd2g())
 ///     .axis(AxisConfig::new("x").map_input(obj::DIGITAL_INPUTS))
 ///     .axis("y");
@@ -36,7 +37,7 @@ pub struct DriveConfig {
 /// An axis of a drive as the program wants it. A name alone is one that leaves all as it is: `DriveConfig::axis("x")`.
 ///
 /// ```
-/// use servocrab::{axis::Referencing, bus::{AxisConfig, DriveConfig}, drives, units::{Mm, Ratio, Scale}};
+/// use servocrab::{AxisConfig, DriveConfig, Referencing, drives, units::{Mm, Ratio, Scale}};
 /// let lift = AxisConfig::new("lift")
 ///     .referencing(Referencing::AbsoluteEncoder)
 ///     .unit::<Mm>(Scale::counts_per_unit(Ratio::new(1000, 1)?));
@@ -85,7 +86,7 @@ impl DriveConfig {
     /// A drive as its maker's ESI file describes it: its axes, PDOs and limits, and its `InitCmd`s as a start-up list (feature `esi`).
     ///
     /// ```
-    /// use servocrab::{bus::{DriveConfig, Network}, esi::Esi};
+    /// use servocrab::{DriveConfig, Network, esi::Esi};
     /// # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/sim/esi/generic.xml");
     /// let esi = Esi::load(file)?;
     /// // Product code and revision, as a scan shows them.
@@ -128,7 +129,7 @@ impl DriveConfig {
     /// of which a single machine differs in an axis. A name that no axis has is a mistake, which `start()` reports.
     ///
     /// ```
-    /// use servocrab::{axis::Referencing, bus::DriveConfig, drives};
+    /// use servocrab::{DriveConfig, Referencing, drives};
     /// let line = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
     /// let with_encoder = line.change_axis("y", |y| y.referencing(Referencing::AbsoluteEncoder));
     /// ```
@@ -282,7 +283,7 @@ impl AxisConfig {
         self
     }
 
-    /// It counts in this unit: [`Network::axis_in`](crate::bus::Network::axis_in) gives its handle. Without it it counts in the drive's
+    /// It counts in this unit: [`Network::axis_in`](crate::Network::axis_in) gives its handle. Without it it counts in the drive's
     /// own units.
     #[must_use]
     pub fn unit<U: Unit>(mut self, scale: Scale) -> Self {
@@ -291,14 +292,14 @@ impl AxisConfig {
     }
 
     /// Maps one more object of it into what the master writes. The object is that of a first axis. A drive that cannot exchange it is
-    /// refused at bring-up. Until the program sets it ([`Axis::output`](crate::axis::Axis::output)), it goes out as the drive held it at the
+    /// refused at bring-up. Until the program sets it ([`Axis::output`](crate::Axis::output)), it goes out as the drive held it at the
     /// start, or as a line of the [start-up list](DriveConfig::start_up) in PREOP says. An object that cannot be read needs such a line. 6007h
     /// goes out as a value that stops the axis. A command goes out as 0 if no line says otherwise: an offset of a set-point, a touch probe.
     ///
     /// Bit 0 of 60FEh:1, "set brake", goes out as 1 until the program clears it, whatever the drive held.
     ///
     /// ```
-    /// use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives, parameters::StartUpWrite};
+    /// use servocrab::{AxisConfig, DriveConfig, coe::obj, drives, parameters::StartUpWrite};
     /// // The brake is set, output 16 is on, and the mask lets the drive obey both.
     /// let lift = DriveConfig::new(drives::generic())
     ///     .axis(AxisConfig::new("lift").map_output(obj::DIGITAL_OUTPUTS))
@@ -324,7 +325,7 @@ impl AxisConfig {
     /// must have it.
     ///
     /// ```
-    /// use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives};
+    /// use servocrab::{AxisConfig, DriveConfig, coe::obj, drives};
     /// let axis = AxisConfig::new("x").map_input_if_there(obj::DIGITAL_INPUTS);
     /// let drive = DriveConfig::new(drives::generic()).axis(axis);
     /// ```

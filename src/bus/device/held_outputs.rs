@@ -140,7 +140,7 @@ fn write(outputs: &mut [u8], place: BitRange, value: &[u8]) {
 mod tests {
     use super::*;
     use crate::{
-        bus::{AxisConfig, DriveConfig},
+        AxisConfig, DriveConfig,
         coe::{obj, test_device::rig},
         drives,
     };

@@ -3,6 +3,7 @@
 use std::{fmt, marker::PhantomData, sync::Arc};
 
 use crate::{
+    axis::{Sampled, Stale},
     bus::{
         device::{
             io_cell::Head,
@@ -19,7 +20,7 @@ use crate::{
 /// A device of the line whose process data the program uses: an I/O terminal, a valve island, a sensor.
 ///
 /// ```
-/// use servocrab::bus::{Expected, IoConfig, Network};
+/// use servocrab::{Network, bus::{Expected, IoConfig}};
 /// let builder = Network::builder()
 ///     .io(1, IoConfig::new("buttons", Expected::new(0x2, 0x03F0_3052).named("EL1008")))
 ///     .io(2, IoConfig::new("valves", Expected::new(0x2, 0x07D8_3052).named("EL2008")));
@@ -61,10 +62,10 @@ impl IoConfig {
 
 // A device's inputs and outputs, as a program holds them.
 
-/// A device that is no drive, in OP: [`Network::io`](crate::bus::Network::io).
+/// A device that is no drive, in OP: [`Network::io`](crate::Network::io).
 ///
 /// ```no_run
-/// # async fn example(net: servocrab::bus::Network) -> Result<(), Box<dyn std::error::Error>> {
+/// # async fn example(net: servocrab::Network) -> Result<(), Box<dyn std::error::Error>> {
 /// let start = net.io("buttons")?.input::<bool>("Channel 1.Input")?;
 /// let valve = net.io("valves")?.output::<bool>((0x7000, 1))?;
 /// valve.set(start.get()?);
@@ -256,7 +257,7 @@ pub struct IoStatus {
     /// It is in OP: it acts on its outputs.
     pub operational: bool,
     /// The last cycle is known to have delivered the outputs that the program has set. Not so where they are held at 0: while it is
-    /// being brought back into OP, from an attempt that failed until one succeeds ([`Network::recover`](crate::bus::Network::recover)), and at
+    /// being brought back into OP, from an attempt that failed until one succeeds ([`Network::recover`](crate::Network::recover)), and at
     /// the end of the network.
     pub delivered: bool,
 }

@@ -246,10 +246,10 @@ fn joined(pdo: &str, entry: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pdo_map::{Entry, Pdo};
+    use crate::pdo_map::{Entry, MappedPdo};
 
-    fn pdo(index: u16, entries: &[Entry]) -> Pdo {
-        Pdo {
+    fn pdo(index: u16, entries: &[Entry]) -> MappedPdo {
+        MappedPdo {
             index,
             entries: entries.to_vec(),
         }

@@ -223,7 +223,7 @@ mod tests {
             cycle::frame::{InputMarker, Member},
             device::io::Io,
         },
-        pdo_map::{Entry, Mapping, Pdo},
+        pdo_map::{Entry, MappedPdo, Mapping},
         sii::{Identity, Sii},
     };
 
@@ -232,7 +232,7 @@ mod tests {
         let mut image = vec![0; 0x80];
         image.extend([0xFF, 0xFF]);
         let sii = Sii::parse(&image).unwrap();
-        let pdo = Pdo {
+        let pdo = MappedPdo {
             index: 0x1A00,
             entries: vec![
                 Entry::new(0x6000, 1, 32),

@@ -4,10 +4,10 @@
 //! The first start and a recovery call the same steps. `drive` has what only drives have. It calls `clocks`, `line` and `requests`. It
 //! must not know of other devices, of cycles that run, or of the network.
 
-pub(super) mod config;
+pub(crate) mod config;
 pub(super) mod drive;
 pub(super) mod held_outputs;
-pub(super) mod io;
+pub(crate) mod io;
 mod io_cell;
 pub(super) mod io_points;
 pub(super) mod io_port;
@@ -38,7 +38,7 @@ use crate::{
         MailboxSettings, MailboxSignal, ObjectAddress, SdoHandle,
     },
     parameters::{StartUpList, Transition},
-    pdo_map::{self, ConfigureError, Direction, Layout, Mapping, Pdo},
+    pdo_map::{self, ConfigureError, Direction, Layout, MappedPdo, Mapping},
     sii::{FmmuUsage, SyncManagerUsage},
 };
 use config::{DriveConfig, Watchdog};
@@ -573,7 +573,7 @@ fn check_lists(
 }
 
 /// The PDOs that a device has assigned; none if it has no such object.
-async fn assigned(direction: Direction, sdo: &SdoHandle) -> Result<Vec<Pdo>, StepError> {
+async fn assigned(direction: Direction, sdo: &SdoHandle) -> Result<Vec<MappedPdo>, StepError> {
     match pdo_map::read_assigned(direction, sdo).await {
         Ok(pdos) => Ok(pdos),
         Err(ConfigureError::Unreadable(error))

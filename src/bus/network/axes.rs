@@ -3,9 +3,10 @@
 use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 
 use crate::{
+    Failure, StopRequest,
     axis::{
         AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, Command, CommandId,
-        Failure, GroupQueue, Groups, Inputs, LivenessWatch, Reattach, StopRequest,
+        GroupQueue, Groups, Inputs, LivenessWatch, Reattach,
     },
     bus::{
         cycle::{

@@ -31,7 +31,7 @@ use super::{
 ///
 /// ```no_run
 /// # async fn example() -> Result<(), Box<dyn std::error::Error>> {
-/// use servocrab::{bus::{DriveConfig, Network}, drives};
+/// use servocrab::{DriveConfig, Network, drives};
 /// use std::time::Duration;
 /// let net = Network::builder()
 ///     .interface("eth0")
@@ -124,7 +124,7 @@ impl NetworkBuilder {
     /// SubDevices that are not named stay in PREOP.
     ///
     /// ```
-    /// use servocrab::{bus::{DevicePlace, DriveConfig, Network}, drives};
+    /// use servocrab::{DriveConfig, Network, bus::DevicePlace, drives};
     /// let builder = Network::builder()
     ///     .drive(1, DriveConfig::new(drives::akd2g()).axis("x"))
     ///     .drive(DevicePlace::Alias(7), DriveConfig::new(drives::akd2g()).axis("z").serial(4711));
@@ -144,7 +144,7 @@ impl NetworkBuilder {
     /// A device that must be in the line and is left alone, in PREOP: a coupler, a terminal, a drive of somebody else's.
     ///
     /// ```
-    /// use servocrab::bus::{Expected, Network};
+    /// use servocrab::{Network, bus::Expected};
     /// let builder = Network::builder().expect(0, Expected::new(0x2, 0x044C_2C52).named("EK1100"));
     /// ```
     pub fn expect(mut self, place: impl Into<DevicePlace>, device: Expected) -> Self {
@@ -163,7 +163,7 @@ impl NetworkBuilder {
     /// is awaited is not ready before it has returned.
     ///
     /// ```
-    /// use servocrab::bus::Network;
+    /// use servocrab::Network;
     /// let builder = Network::builder()
     ///     .on_progress(|at| eprintln!("{}/{}: {}: {}", at.done, at.total, at.drive, at.step));
     /// ```

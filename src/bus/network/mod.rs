@@ -38,7 +38,8 @@ use super::{
     watch::{Control, DevicePorts, Question},
 };
 use crate::{
-    axis::{Axis, AxisError, AxisSource, AxisStatistics, Failure, Liveness, StopRequest},
+    Axis, AxisError, Failure, StopRequest,
+    axis::{AxisSource, AxisStatistics, Liveness},
     coe::{DriveId, Emergencies, SdoHandle},
     units::Unit,
     wakes::Waiters,
@@ -117,7 +118,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
@@ -178,7 +179,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -202,11 +203,11 @@ impl Network {
     /// on; `None` if no drive was declared there. 64 of them are kept for a program that does not take them.
     ///
     /// They name the cause of a fault also where its error has no code, since the drive has no 603Fh
-    /// ([`Failure::Fault`](crate::axis::Failure::Fault)). Of a drive with several axes they do not say whose fault it is.
+    /// ([`Failure::Fault`](crate::Failure::Fault)). Of a drive with several axes they do not say whose fault it is.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # use std::sync::{Arc, Mutex};
     /// # let segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let segment = Arc::new(Mutex::new(segment));
@@ -216,7 +217,7 @@ impl Network {
     /// # smol::block_on(async {
     /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
     /// use std::time::Duration;
-    /// use servocrab::{axis::Failure, coe::EmergencyReport, profile_position::SetPoint};
+    /// use servocrab::{Failure, SetPoint, coe::EmergencyReport};
     /// let emergencies = net.emergencies(0).ok_or("no drive was declared there")?;
     /// let x = net.axis("x")?;
     /// x.enable().await?;
@@ -260,7 +261,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -291,7 +292,7 @@ impl Network {
     /// with inputs and outputs, that [`NetworkEvent::LeftOp`] or [`NetworkEvent::Lost`] has named. All others go on meanwhile.
     ///
     /// Nothing moves by it, and nothing is switched on. What was pending on the axes of the drive ends as
-    /// [`BusLost`](crate::axis::Failure::BusLost) before it is in OP, if it had not ended by then. Its outputs are those of
+    /// [`BusLost`](crate::Failure::BusLost) before it is in OP, if it had not ended by then. Its outputs are those of
     /// an axis that is switched off. What the program sets in them beside goes out as after the start, until it is set again. Handles stay
     /// valid, and the axes are enabled by [`Axis::enable`]. Outputs of a device that is no drive are 0 until they are set again.
     ///
@@ -300,7 +301,7 @@ impl Network {
     /// the attempt ends, and the device stays out of OP.
     ///
     /// ```no_run
-    /// # async fn example(net: servocrab::bus::Network) -> Result<(), Box<dyn std::error::Error>> {
+    /// # async fn example(net: servocrab::Network) -> Result<(), Box<dyn std::error::Error>> {
     /// use servocrab::bus::NetworkEvent;
     /// let events = net.events();
     /// while let Some(event) = events.next().await {
@@ -483,7 +484,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -509,7 +510,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -536,7 +537,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -560,7 +561,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -585,13 +586,13 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
     /// # smol::block_on(async {
     /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
-    /// use servocrab::{axis::MotionEnd, profile_position::SetPoint};
+    /// use servocrab::{SetPoint, axis::MotionEnd};
     /// let x = net.axis("x")?;
     /// x.enable().await?;
     /// let profile_position = x.profile_position().await?;
@@ -619,7 +620,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -652,7 +653,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -688,7 +689,7 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -729,14 +730,14 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
     /// # smol::block_on(async {
     /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
     /// use std::time::Duration;
-    /// use servocrab::axis::StopRequest;
+    /// use servocrab::StopRequest;
     /// net.stop_all_and_wait(StopRequest::STOP, Duration::from_secs(5)).await?;
     /// # net.shutdown().await?;
     /// # Ok(())
@@ -770,13 +771,13 @@ impl Network {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
     /// # smol::block_on(async {
     /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
-    /// use servocrab::axis::StopRequest;
+    /// use servocrab::StopRequest;
     /// let stop = net.stop_handle();
     /// // On the thread of the panel's stop button:
     /// std::thread::spawn(move || stop.stop_all(StopRequest::QUICK_STOP));
@@ -794,14 +795,14 @@ impl Network {
 
     /// Has every axis halt when the program does not feed the returned rule for this time, or drops it. From then on, until it is fed,
     /// ended, or another takes its place, nothing is enabled, resumed or started
-    /// ([`Failure::LivenessExpired`](crate::axis::Failure::LivenessExpired)); stops, `disable` and `reset_fault` work all the time.
+    /// ([`Failure::LivenessExpired`](crate::Failure::LivenessExpired)); stops, `disable` and `reset_fault` work all the time.
     /// What has halted goes on only by `resume`.
     ///
     /// There is one rule: the last one that was asked for.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use servocrab::{DriveConfig, Network, drives, link::Wire};
     /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
     /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
     /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");

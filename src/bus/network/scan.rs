@@ -35,7 +35,7 @@ const CLOCK_64: u8 = 0x08;
 ///
 /// ```no_run
 /// # async fn example() -> Result<(), Box<dyn std::error::Error>> {
-/// use servocrab::bus::Network;
+/// use servocrab::Network;
 /// let line = Network::builder().interface("eth0").scan().await?;
 /// for device in line.devices() {
 ///     println!("{}, alias {}", device.id, device.alias);

@@ -12,7 +12,8 @@ use super::{
     recovery::{self, Recovery},
 };
 use crate::{
-    axis::{AxisSource, Delivery, Failure},
+    Failure,
+    axis::{AxisSource, Delivery},
     bus::{
         clocks::LockWatch,
         cycle::{

@@ -6,7 +6,8 @@ use smol::channel::{Receiver, unbounded};
 
 use super::{ask, find_axis, find_io, supervisor::StartedDrive};
 use crate::{
-    axis::{AxisIdentity, AxisSource, AxisStatistics, Snapshot, StopRequest},
+    StopRequest,
+    axis::{AxisIdentity, AxisSource, AxisStatistics, Snapshot},
     bus::{
         cycle::{
             black_box::CycleRing,
@@ -18,7 +19,10 @@ use crate::{
         recorder::{RecordedSignal, Recorder, Signal, SignalSource, no_signal},
         watch::{Control, DevicePorts, Question, SeenDevice},
     },
-    coe::{AxisOffset, DataType, DriveEmergency, Emergencies, ObjectAddress, SdoHandle, Unit, obj},
+    coe::{
+        AxisOffset, DataType, DriveEmergency, Emergencies, ObjectAddress, ObjectUnit, SdoHandle,
+        obj,
+    },
     pdo_map::{Direction, Layout},
     units::{AxisScale, Scale},
 };
@@ -30,7 +34,7 @@ use crate::{
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # use servocrab::{DriveConfig, Network, drives, link::Wire};
 /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
 /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
@@ -351,13 +355,13 @@ fn mapped(
     let known = obj::all()
         .into_iter()
         .find(|known| known.address() == known_as);
-    let (data_type, scaled) = known.map_or((DataType::U32, Unit::None), |known| {
+    let (data_type, scaled) = known.map_or((DataType::U32, ObjectUnit::None), |known| {
         (known.data_type, known.unit)
     });
     let unit = match scaled {
-        Unit::Position => scale.unit().to_owned(),
-        Unit::Velocity => format!("{}/s", scale.unit()),
-        Unit::Acceleration => format!("{}/s²", scale.unit()),
+        ObjectUnit::Position => scale.unit().to_owned(),
+        ObjectUnit::Velocity => format!("{}/s", scale.unit()),
+        ObjectUnit::Acceleration => format!("{}/s²", scale.unit()),
         _ => String::new(),
     };
     let source = SignalSource::Value {
@@ -377,7 +381,7 @@ fn point_source(device: usize, point: &IoPoint) -> (SignalSource, String) {
         is_input: point.direction == Direction::Inputs,
         place: point.place,
         data_type: DataType::U32,
-        scaled: Unit::None,
+        scaled: ObjectUnit::None,
         scale: AxisScale::COUNTS,
     };
     (source, String::new())

@@ -343,7 +343,7 @@ const FEWEST_CORES_TO_SPIN: usize = 4;
 /// uses.
 ///
 /// ```
-/// use servocrab::bus::{Network, WaitStrategy};
+/// use servocrab::{Network, bus::WaitStrategy};
 /// use std::time::Duration;
 /// let builder = Network::builder()
 ///     .cycle(Duration::from_micros(250))
@@ -494,15 +494,15 @@ impl BusLoop {
     /// [`Wire`](crate::link::Wire) in virtual time, to a simulated segment, the drives move as they do and nobody waits for
     /// it: a minute there takes a fraction of a second here.
     ///
-    /// Pauses of the machine belong to the cycles' clock ([`Network::clock`](crate::bus::Network::clock)), which goes with the
+    /// Pauses of the machine belong to the cycles' clock ([`Network::clock`](crate::Network::clock)), which goes with the
     /// loop, and so do [`Done::within`](crate::profile_position::Done::within) and [`Home::within`](crate::homing::Home::within). A
     /// timer of an executor goes by the clock on the wall: while such a one is waited for, virtual time runs away.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// use std::time::Duration;
-    /// use servocrab::{axis::{Axis, Referencing}, bus::{CycleClock, AxisConfig, DriveConfig, Network}, drives, link::Wire};
-    /// use servocrab::profile_position::SetPoint;
+    /// use servocrab::{Axis, AxisConfig, DriveConfig, Network, Referencing, bus::CycleClock, drives, link::Wire};
+    /// use servocrab::SetPoint;
     /// use servocrab_sim::{Segment, personality};
     ///
     /// // What is tested.

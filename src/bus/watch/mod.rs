@@ -33,11 +33,12 @@ use super::{
     },
 };
 use crate::{
-    axis::{AxisIdentity, LivenessWatch, Snapshot, StopRequest},
+    StopRequest,
+    axis::WorkingCounter,
+    axis::{AxisIdentity, LivenessWatch, Snapshot},
     coe::DriveId,
     ds402::{Controlword, State},
     esc,
-    profile_position::WorkingCounter,
     sync::Recent,
     units::AxisScale,
     wakes::{Waiters, Wakes},

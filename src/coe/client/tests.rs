@@ -7,8 +7,8 @@ use crate::coe::information::ListKind;
 use crate::coe::mailbox::MailboxError;
 use crate::coe::test_device::{Device, Fault, Rig, emergency, rig, rig_with};
 use crate::coe::{
-    AbortCode, DriveError, Emergencies, EmergencyReport, ObjectAddress, SdoError, TransferKind,
-    TypeCode, Unsupported, obj,
+    AbortCode, DriveError, Emergencies, EmergencyReport, NoInformation, ObjectAddress, SdoError,
+    TransferKind, TypeCode, obj,
 };
 
 // The client against a scripted device in virtual time.
@@ -836,15 +836,15 @@ fn a_device_without_the_service_says_so_and_goes_on() {
         }
         other => panic!("{other:?}"),
     };
-    assert_eq!(reason(&rig), Unsupported::MailboxMessage(MailboxError(4)));
+    assert_eq!(reason(&rig), NoInformation::MailboxMessage(MailboxError(4)));
     device.0.borrow_mut().information = VecDeque::from([refused(0x0504_0001)]);
-    assert_eq!(reason(&rig), Unsupported::Service(AbortCode::COMMAND));
+    assert_eq!(reason(&rig), NoInformation::Service(AbortCode::COMMAND));
     assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
     // By an SDO abort; a message before the one that would answer.
     let abort = vec![10, 0, 0, 0, 0, 0x33, 0, 0x20, 0x80, 0, 0, 0, 1, 0, 4, 5];
     device.post(&abort);
     device.0.borrow_mut().information = VecDeque::from([vec![]]);
-    assert_eq!(reason(&rig), Unsupported::Service(AbortCode::COMMAND));
+    assert_eq!(reason(&rig), NoInformation::Service(AbortCode::COMMAND));
     assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
 }
 
@@ -854,7 +854,7 @@ fn a_device_whose_sii_has_no_sdo_information_is_not_asked() {
     assert!(matches!(
         read_list(&rig, &handle),
         Err(SdoError::NotSupported {
-            reason: Unsupported::Sii,
+            reason: NoInformation::Sii,
             ..
         })
     ));

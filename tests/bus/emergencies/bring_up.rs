@@ -6,10 +6,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{
-    bus::{DriveConfig, Network, NetworkBuilder},
-    drives,
-};
+use servocrab::{DriveConfig, Network, bus::NetworkBuilder, drives};
 use servocrab_sim::{AlState, Segment, personality};
 
 use super::line::{At, Line, Loss, MS, Rig, emergency};

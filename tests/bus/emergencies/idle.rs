@@ -2,11 +2,7 @@
 
 use std::time::Duration;
 
-use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DriveConfig, Network},
-    drives,
-};
+use servocrab::{AxisConfig, DriveConfig, Network, Referencing, drives};
 use servocrab_sim::{Segment, personality};
 
 use super::line::{Line, MS, Own, Rig, emergency};

@@ -2,14 +2,7 @@
 
 use std::{cell::Cell, thread, time::Duration};
 
-use servocrab::{
-    axis::{Axis, Referencing},
-    bus::{AxisConfig, DriveConfig, Network},
-    coe::SdoHandle,
-    drives,
-    ds402::State,
-    profile_position::{Outcome, SetPoint},
-};
+use servocrab::{Axis, AxisConfig, DriveConfig, Network, Outcome, Referencing, SetPoint, coe::SdoHandle, drives, ds402::State};
 use servocrab_sim::{Segment, personality::Servo};
 use smol::future::zip;
 

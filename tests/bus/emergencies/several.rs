@@ -1,9 +1,6 @@
 //! Several emergencies at once, and several drives that may send them.
 
-use servocrab::{
-    bus::{DriveConfig, Network, NetworkBuilder},
-    drives,
-};
+use servocrab::{DriveConfig, Network, bus::NetworkBuilder, drives};
 use servocrab_sim::{AlState, Segment, personality};
 
 use super::line::{At, Line, MS, Rig, emergency};

@@ -12,17 +12,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{
-    axis::{Axis, Deadlines, Failure, Referencing},
-    bus::{
-        AxisConfig, BusLoop, DriveConfig, Finding, Miscounted, Network, NetworkError, NetworkEvent,
-    },
-    coe::obj,
-    drives,
-    homing::{HomingMethod, HomingParameters},
-    link::Wire,
-    profile_position::SetPoint,
-};
+use servocrab::{Axis, AxisConfig, DriveConfig, Failure, HomingMethod, HomingParameters, Network, NetworkError, Referencing, SetPoint, axis::Deadlines, bus::{BusLoop, Finding, Miscounted, NetworkEvent}, coe::obj, drives, link::Wire};
 use servocrab_sim::{
     Segment,
     ds402::{Machine, State},

@@ -8,15 +8,11 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, Failure, Referencing},
-    bus::{
-        AlState as State, AlStatus, AxisConfig, DistributedClock, DriveConfig, Network, Recovered,
-        ReferenceClock,
-    },
+    Axis, AxisConfig, DriveConfig, Failure, Network, Outcome, Referencing, SetPoint,
+    bus::{AlState as State, AlStatus, DistributedClock, Recovered, ReferenceClock},
     coe::{ObjectAddress, obj},
     drives,
     parameters::{StartUpWrite, Transition},
-    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{
     AlState, Segment,

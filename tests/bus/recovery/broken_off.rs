@@ -10,12 +10,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{
-    bus::{Network, Recovered},
-    coe::obj,
-    drives,
-    link::Fate,
-};
+use servocrab::{Network, bus::Recovered, coe::obj, drives, link::Fate};
 use servocrab_sim::{Abort, AlState, Habits, personality};
 
 use super::{MIDDLE, MS, Yard, unhomed};

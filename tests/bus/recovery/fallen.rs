@@ -11,12 +11,13 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Delivery, Failure, Referencing},
-    bus::{AlState as State, AlStatus, AxisConfig, DriveConfig, Network, NetworkEvent, Recovered},
+    AxisConfig, DriveConfig, Failure, Network, Referencing, SetPoint,
+    axis::Delivery,
+    bus::{AlState as State, AlStatus, NetworkEvent, Recovered},
     coe::ObjectAddress,
     drives::{self, DriveDescription},
     link::Fate,
-    profile_position::{HomedSignal, SetPoint},
+    profile_position::HomedSignal,
 };
 use servocrab_sim::{AlState, Device, Habits, personality};
 

@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use servocrab::bus::{Expected, IoConfig, IoOutput, Network, NetworkBuilder, Recovered};
+use servocrab::{
+    IoOutput, Network,
+    bus::{Expected, IoConfig, NetworkBuilder, Recovered},
+};
 use servocrab_sim::{AlState, Segment, personality};
 
 use super::{MS, unhomed};

@@ -12,12 +12,11 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, AxisError, Failure},
-    bus::{DriveConfig, Network, NetworkBuilder, NetworkError, NetworkEvent, Recovered},
+    Axis, AxisError, BufferMode, DriveConfig, Failure, HomingMethod, HomingParameters, Move,
+    Network, NetworkError, Outcome, ProfilePosition, SetPoint,
+    bus::{NetworkBuilder, NetworkEvent, Recovered},
     drives::{self, DriveDescription},
-    homing::{HomingMethod, HomingParameters},
     pdo_map::{Entry, FixedPdo},
-    profile_position::{BufferMode, Move, Outcome, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{AlState, Device, Segment, ds402::State, personality, personality::Servo};
 

@@ -1,8 +1,8 @@
 //! Devices that have lost their station address, in lines of which others are missing, or have changed.
 
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DevicePlace, DriveConfig, LineVerdict, Network, NetworkError, Recovered},
+    AxisConfig, DriveConfig, Network, NetworkError, Referencing,
+    bus::{DevicePlace, LineVerdict, Recovered},
     drives,
 };
 use servocrab_sim::{AlState, Device, Segment, personality, personality::Servo};

@@ -12,15 +12,7 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Failure, Referencing, Unsupported},
-    bus::{AxisConfig, DriveConfig, Network},
-    coe::{SdoError, obj},
-    drives::DriveDescription,
-    ds402::State,
-    homing::{HomingMethod, HomingParameters},
-    profile_position::{BufferMode, Move, Outcome, ProfilePosition, SetPoint},
-};
+use servocrab::{Axis, AxisConfig, AxisError, BufferMode, DriveConfig, Failure, HomingMethod, HomingParameters, Move, Network, Outcome, ProfilePosition, Referencing, SetPoint, axis::{AxisErrorKind, Unsupported}, coe::{SdoError, obj}, drives::DriveDescription, ds402::State};
 use servocrab_sim::{
     Segment,
     ds402::{Executed, Machine},

@@ -1,9 +1,6 @@
 //! The program's steps. Each begins with the axis enabled and standing, and knows nothing of the drive.
 
-use servocrab::{
-    homing::HomingMethod,
-    profile_position::{BufferMode, SetPoint},
-};
+use servocrab::{BufferMode, HomingMethod, SetPoint};
 
 use super::bench::{Bench, SWITCH, start};
 

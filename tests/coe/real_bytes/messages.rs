@@ -3,7 +3,7 @@
 use servocrab::coe::mailbox::{Counter, MailboxMessage, sdo_message};
 use servocrab::coe::sdo::{Download, SdoFault, TransferStep, Upload};
 use servocrab::coe::{AbortCode, ObjectAddress};
-use servocrab::pdo_map::{Entry, Mapping, Pdo};
+use servocrab::pdo_map::{Entry, MappedPdo, Mapping};
 
 use super::vectors::{Exchange, akd_exchanges, object, pp_drive_exchanges, simulated_exchanges};
 
@@ -86,7 +86,7 @@ fn the_mapping_of_a_real_akd_is_the_one_that_its_eeprom_does_not_say() {
     let assigned = |assignment: u16| {
         (1..=value(assignment, 0) as u8)
             .map(|at| value(assignment, at) as u16)
-            .map(|index| Pdo {
+            .map(|index| MappedPdo {
                 index,
                 entries: (1..=value(index, 0) as u8)
                     .map(|at| Entry::from_raw(value(index, at)))
@@ -94,7 +94,7 @@ fn the_mapping_of_a_real_akd_is_the_one_that_its_eeprom_does_not_say() {
             })
             .collect::<Vec<_>>()
     };
-    let pdo = |index, objects: &[(u16, u8)]| Pdo {
+    let pdo = |index, objects: &[(u16, u8)]| MappedPdo {
         index,
         entries: objects
             .iter()

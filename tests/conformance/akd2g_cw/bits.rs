@@ -1,10 +1,13 @@
 //! The bit assignment, the mode-dependent bits, bit 8, and the object itself.
 
-use servocrab::axis::{Command, Completion, Failure};
 use servocrab::coe::{AxisOffset, obj};
 use servocrab::ds402::{Controlword, Mode};
 use servocrab::pdo_map::{Direction, Mapping as PdoMapping};
-use servocrab::profile_position::{BufferMode, SetPoint};
+use servocrab::{BufferMode, SetPoint};
+use servocrab::{
+    Failure,
+    axis::{Command, Completion},
+};
 use servocrab_sim::ds402::{Access, Behaviour, DataType, Mapping, State};
 use servocrab_sim::personality;
 

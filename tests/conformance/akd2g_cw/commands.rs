@@ -1,9 +1,12 @@
 //! "Commands in the controlword": each command from each state that its transitions leave, with every value of the bits
 //! that the table marks as irrelevant.
 
-use servocrab::axis::{Command, Completion, Failure, Inhibit};
+use servocrab::SetPoint;
 use servocrab::ds402::{QuickStopOption, State as Shown};
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Failure,
+    axis::{Command, Completion, Inhibit},
+};
 use servocrab_sim::ds402::{Behaviour, State};
 
 use crate::bench::Drive;

@@ -1,9 +1,12 @@
 //! The mode-dependent bits of homing mode, and bit 8 in every mode.
 
-use servocrab::axis::{Command, Completion, Failure, StopRequest, Unsupported};
+use servocrab::SetPoint;
 use servocrab::ds402::Mode;
-use servocrab::homing::{HomingCommand, HomingMethod};
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Failure, StopRequest,
+    axis::{Command, Completion, Unsupported},
+};
+use servocrab::{HomingMethod, homing::HomingCommand};
 use servocrab_sim::ds402::{Behaviour, HomingOutcome, Machine, State};
 
 use crate::bench::{Drive, assert_near};

@@ -1,8 +1,8 @@
 //! 5000h:4 and 5100h:4, by SDO.
 
-use servocrab::axis::{Completion, Failure, Referencing};
+use servocrab::SetPoint;
 use servocrab::drives;
-use servocrab::profile_position::SetPoint;
+use servocrab::{Failure, Referencing, axis::Completion};
 use servocrab_sim::ds402::Behaviour;
 use servocrab_sim::personality;
 

@@ -1,15 +1,16 @@
 //! The heading, "Description", "Drive Opmode", "Motion Settings", "Common PDO Data", "CANopen Scaling" and the first rows
 //! of the example.
 
-use servocrab::axis::{
-    AxisCore, AxisFields, Command, Completion, CoreConfig, Failure, Inputs, Unsupported,
-};
+use servocrab::SetPoint;
 use servocrab::coe::{AnyObject, AxisOffset, Object, ObjectAddress, ReadWrite, obj};
 use servocrab::drives;
 use servocrab::ds402::{Mode, SupportedModes};
 use servocrab::pdo_map::{Direction, Mapping as PdoMapping};
-use servocrab::profile_position::SetPoint;
 use servocrab::units::{Factors, Ratio, Scale};
+use servocrab::{
+    Failure,
+    axis::{AxisCore, AxisFields, Command, Completion, CoreConfig, Inputs, Unsupported},
+};
 use servocrab_sim::ds402::{Access, Behaviour, DataType, FollowingError, Mapping, State};
 use servocrab_sim::personality;
 

@@ -1,8 +1,11 @@
 //! "Example Sequence of Events": options 1 to 4, first with the document's own words on the simulated drive, then with
 //! the library's.
 
-use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure, StopRequest};
-use servocrab::profile_position::{BufferMode, Reference, SetPoint};
+use servocrab::{BufferMode, SetPoint, profile_position::Reference};
+use servocrab::{
+    Failure, StopRequest,
+    axis::{Command, CommandId, Completion, Delivery},
+};
 use servocrab_sim::ds402::{Behaviour, Cause, Outcome, State};
 
 use crate::bench::Drive;

@@ -1,7 +1,7 @@
 //! "Controlword Bit 4", "Controlword Bit 5", "Controlword Bit 6" and "Controlword Bit 9".
 
-use servocrab::axis::{Completion, Failure};
-use servocrab::profile_position::{BufferMode, SetPoint};
+use servocrab::{BufferMode, SetPoint};
+use servocrab::{Failure, axis::Completion};
 use servocrab_sim::ds402::{Behaviour, Outcome};
 
 use super::profile::akd2g;

@@ -1,9 +1,12 @@
 //! "Status" and "Mode-Specific Statusword Bits".
 
-use servocrab::axis::{Command, Completion, Delivery, Failure, Referencing, WaitingFor};
+use servocrab::SetPoint;
 use servocrab::ds402::{Mode, State as Shown, Statusword};
-use servocrab::homing::{HomingCommand, HomingMethod};
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Failure, Referencing,
+    axis::{Command, Completion, Delivery, WaitingFor},
+};
+use servocrab::{HomingMethod, homing::HomingCommand};
 use servocrab_sim::ds402::{AckFault, AckPolicy, Behaviour, Outcome, Plant, ReachedPolicy, State};
 
 use super::profile::akd2g;

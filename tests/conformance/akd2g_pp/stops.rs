@@ -1,8 +1,11 @@
 //! "Controlword Bit 2" and "Controlword Bit 8".
 
-use servocrab::axis::{Command, CommandId, Completion, Delivery, Event, Failure};
+use servocrab::SetPoint;
 use servocrab::ds402::State as Shown;
-use servocrab::profile_position::SetPoint;
+use servocrab::{
+    Failure,
+    axis::{Command, CommandId, Completion, Delivery, Event},
+};
 use servocrab_sim::ds402::{Behaviour, Cause, Outcome, State};
 
 use super::profile::akd2g;

@@ -1,9 +1,9 @@
 //! "Object 6086h: motion_profile_type".
 
-use servocrab::axis::{Failure, Unsupported};
 use servocrab::coe::obj;
 use servocrab::pdo_map::Mapping as PdoMapping;
-use servocrab::profile_position::{BufferMode, SetPoint};
+use servocrab::{BufferMode, SetPoint};
+use servocrab::{Failure, axis::Unsupported};
 use servocrab_sim::ds402::{Access, Axis, DataType, Mapping, SetError};
 use servocrab_sim::personality;
 

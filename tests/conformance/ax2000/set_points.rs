@@ -1,8 +1,11 @@
 //! "Functional Description": single set-points and sets of set-points, bits 4, 5 and 12.
 
-use servocrab::axis::{Completion, Failure, Unsupported};
 use servocrab::ds402::Statusword;
-use servocrab::profile_position::{BufferMode, SetPoint};
+use servocrab::{BufferMode, SetPoint};
+use servocrab::{
+    Failure,
+    axis::{Completion, Unsupported},
+};
 use servocrab_sim::ds402::Outcome;
 
 use super::{drive, rig};

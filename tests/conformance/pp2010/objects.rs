@@ -1,9 +1,9 @@
 //! "Related objects".
 
+use servocrab::SetPoint;
 use servocrab::axis::Completion;
 use servocrab::coe::{AnyObject, ObjectAddress, obj};
 use servocrab::pdo_map::Direction;
-use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{Access, Behaviour, DataType};
 
 use super::drive;

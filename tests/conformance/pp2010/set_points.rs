@@ -1,9 +1,12 @@
 //! How set-points are handed over and processed.
 
-use servocrab::axis::{Completion, Event, Failure, Unsupported};
 use servocrab::coe::obj;
 use servocrab::ds402::Statusword;
-use servocrab::profile_position::{BufferMode, SetPoint};
+use servocrab::{BufferMode, SetPoint};
+use servocrab::{
+    Failure,
+    axis::{Completion, Event, Unsupported},
+};
 use servocrab_sim::ds402::{Behaviour, Outcome, SetError};
 
 use super::{drive, rig};

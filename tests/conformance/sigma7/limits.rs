@@ -1,9 +1,15 @@
 //! "Target Position", "Software Position Limits" and "Max Profile Velocity": what they do.
 
-use servocrab::axis::{Command, CommandId, Completion, Failure, Referencing};
 use servocrab::ds402::Mode;
-use servocrab::homing::{HomingCommand, HomingMethod};
-use servocrab::profile_position::{BufferMode, Limits, PositionRange, SetPoint};
+use servocrab::{
+    BufferMode, SetPoint,
+    profile_position::{Limits, PositionRange},
+};
+use servocrab::{
+    Failure, Referencing,
+    axis::{Command, CommandId, Completion},
+};
+use servocrab::{HomingMethod, homing::HomingCommand};
 use servocrab_sim::ds402::{Behaviour, Machine, State};
 
 use crate::bench::{Drive, VELOCITY, assert_near};

@@ -3,10 +3,10 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use servocrab::axis::Referencing;
-use servocrab::bus::{AxisConfig, BusLoop, DriveConfig, Network};
+use servocrab::Referencing;
 use servocrab::drives;
 use servocrab::link::{Fate, Wire};
+use servocrab::{AxisConfig, DriveConfig, Network, bus::BusLoop};
 use servocrab_sim::{Segment, personality};
 use std::future::Future;
 use std::pin::pin;

@@ -5,10 +5,14 @@
 
 use core::time::Duration;
 
-use servocrab::axis::{
-    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Event, Inputs, Referencing,
+use servocrab::{
+    Referencing,
+    axis::{AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Event, Inputs},
 };
-use servocrab::profile_position::{MoveCommand, Reference, SetPoint};
+use servocrab::{
+    SetPoint,
+    profile_position::{MoveCommand, Reference},
+};
 
 const CYCLE: Duration = Duration::from_millis(1);
 const OUTPUTS: usize = 7;

@@ -9,7 +9,7 @@ mod words;
 use core::time::Duration;
 use std::collections::VecDeque;
 
-use servocrab::axis::StopRequest;
+use servocrab::StopRequest;
 use servocrab::profile_position::{BufferSignal, RelativeBase};
 
 use crate::cable::Told;

@@ -1,7 +1,7 @@
 //! The laws of what is said of set-points. Within the model none of it is wrong.
 
-use servocrab::axis::{Completion, Failure};
 use servocrab::ds402;
+use servocrab::{Failure, axis::Completion};
 
 use crate::cable::Told;
 use crate::drive::{Ack, Base, End, Latch};

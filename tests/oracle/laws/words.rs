@@ -1,6 +1,9 @@
 //! The laws of the words that are sent. They hold whatever the drive does.
 
-use servocrab::profile_position::{BufferMode, MoveCommand, Reference};
+use servocrab::{
+    BufferMode,
+    profile_position::{MoveCommand, Reference},
+};
 
 use crate::cable::Told;
 use crate::scenario::{Kind, Scenario};

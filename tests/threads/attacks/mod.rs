@@ -14,10 +14,7 @@ use std::{
 };
 
 use servocrab::{
-    axis::Referencing,
-    bus::{AxisConfig, DriveConfig, Network, NetworkBuilder},
-    drives,
-    link::Wire,
+    AxisConfig, DriveConfig, Network, Referencing, bus::NetworkBuilder, drives, link::Wire,
 };
 use servocrab_sim::{Segment, personality};
 

@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use servocrab::{
+    DriveConfig, NetworkError,
     axis::{Deadlines, Tolerances},
-    bus::{DriveConfig, NetworkBuilder, NetworkError, WaitStrategy},
+    bus::{NetworkBuilder, WaitStrategy},
     drives,
 };
 

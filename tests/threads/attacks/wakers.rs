@@ -12,7 +12,7 @@ use std::{
     thread,
 };
 
-use servocrab::{bus::Network, coe::obj, profile_position::SetPoint};
+use servocrab::{Network, SetPoint, coe::obj};
 use servocrab_sim::AlState;
 
 use super::{line, poll, started, until};
@@ -137,7 +137,7 @@ fn a_waker_may_call_whatever_it_likes() {
         let mut asked = owned_wait(net);
         let _ = poll(&mut asked, Waker::noop());
         *kept.lock().unwrap() = Some(asked);
-        net.stop_all(servocrab::axis::StopRequest::HALT);
+        net.stop_all(servocrab::StopRequest::HALT);
         let _ = done.send((status.cycle, net.statistics().cycles));
     });
     let waiting = wait_for_a_cycle(&net, &calling);

@@ -10,7 +10,8 @@ use std::{
 use clap::Args;
 use serde_json::json;
 use servocrab::{
-    bus::{DriveConfig, Line, LineDevice},
+    DriveConfig,
+    bus::{Line, LineDevice},
     coe::{ObjectAddress, SdoHandle, obj},
     drives,
     esi::Esi,

@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use servocrab::{
-    bus::{AxisConfig, DistributedClock, DriveConfig, Expected, IoConfig, NetworkBuilder},
+    AxisConfig, DriveConfig,
+    bus::{DistributedClock, Expected, IoConfig, NetworkBuilder},
     coe::{AnyObject, ObjectAddress},
     drives::{self, DriveDescription},
     esi::Esi,

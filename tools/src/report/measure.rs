@@ -3,8 +3,9 @@
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use servocrab::bus::{
-    CableLoad, DevicePorts, DriveStatistics, Network, NetworkEvent, Statistics, Timing,
+use servocrab::{
+    Network,
+    bus::{CableLoad, DevicePorts, DriveStatistics, NetworkEvent, Statistics, Timing},
 };
 
 use crate::output::{Failure, Tool};

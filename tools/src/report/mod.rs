@@ -9,7 +9,8 @@ use std::{path::PathBuf, time::Duration};
 
 use clap::Args;
 use servocrab::{
-    bus::{DistributedClock, DriveConfig, LineDevice, NetworkBuilder, RealTime, Scheduling},
+    DriveConfig,
+    bus::{DistributedClock, LineDevice, NetworkBuilder, RealTime, Scheduling},
     coe::obj,
     drives::{self, DriveDescription},
 };
@@ -157,7 +158,7 @@ fn named(description: DriveDescription, position: u16) -> DriveConfig {
 
 #[cfg(test)]
 mod tests {
-    use servocrab::{bus::Network, link::Wire};
+    use servocrab::{Network, link::Wire};
     use servocrab_sim::{
         Segment,
         personality::{self, Servo},

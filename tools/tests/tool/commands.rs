@@ -486,7 +486,7 @@ mod line;
 
 #[test]
 fn the_line_as_rust_compiles_and_brings_up_the_line_that_it_was_made_of() {
-    use servocrab::{bus::Network, link::Wire};
+    use servocrab::{Network, link::Wire};
     use servocrab_sim::{Segment, personality};
     let directory = tempfile::tempdir().unwrap();
     let rust = directory.path().join("line.rs");
