@@ -43,8 +43,6 @@ pub(super) struct Step<'a> {
     /// Whether what was sent last is known to have been delivered.
     pub delivered: bool,
     pub sent: Outgoing,
-    /// Bit 8 was high, or its low not seen, when this cycle began.
-    halted: bool,
     /// Two cycles of the drive.
     pub seen: Timer,
     pub brake: Brake,
@@ -76,7 +74,6 @@ impl<'a> Step<'a> {
             error_code: code.filter(|&code| code != 0),
             delivered: observed.link.delivered,
             sent: machines.outputs.sent,
-            halted: machines.stopping.is_halted(),
             seen: Timer::new(config.traits.surely_seen()),
             brake: machines.brake,
             power: machines.power,
@@ -245,6 +242,8 @@ impl Machines {
         let stepped = self.stopping.step(&step);
         self.apply_stop(&step, stepped);
         self.step_modes(&step);
+        // Of the time until now the axis was halted.
+        self.stopping.note_release(&step);
     }
 
     /// Where the drive begins to stop an axis that was under way, or that it may set going, that it stood before says nothing. One that
@@ -542,7 +541,7 @@ impl Machines {
             elapsed: step.elapsed,
             evidence: step.evidence,
             delivered: step.delivered,
-            halted: step.halted || self.stopping.is_halted() || step.sends_halt(),
+            halted: self.stopping.is_halted() || step.sends_halt(),
             statusword: step.statusword,
             controlword: step.sent.word.word(),
             last_seen: step.last_seen,

@@ -191,8 +191,6 @@ impl Stopping {
 
     /// One cycle of bit 8 and of who waits for it.
     pub fn step_halt(&mut self, step: &Step<'_>, has_motion: bool) -> StopStep {
-        let released = step.delivered && !step.sends_halt();
-        self.released.update(released, step.elapsed, step.seen);
         if !self.halt.is_on {
             return StopStep::Nothing;
         }
@@ -217,6 +215,12 @@ impl Stopping {
             return StopStep::Quick;
         }
         StopStep::Nothing
+    }
+
+    /// One cycle of bit 8 that was sent low.
+    pub fn note_release(&mut self, step: &Step<'_>) {
+        let released = step.delivered && !step.sends_halt();
+        self.released.update(released, step.elapsed, step.seen);
     }
 
     /// Whether the axis is as fast with bit 8 as it was.
