@@ -47,7 +47,7 @@ function homing(axis, path) {
   const method = field(`homing method of ${axis.name}`, { value: 37, step: 1, className: "short", title: "Homing method 6098h" });
   const within = field(`longest homing of ${axis.name}`, { value: 60, min: 1, className: "short", title: "Longest time in seconds" });
   const go = () => act(`${path}/home`, { method: method.valueAsNumber, within: within.valueAsNumber });
-  return make("div", { className: "row home" }, button("Home", go), make("span", { className: "with-unit" }, unit("by"), method),
+  return make("div", { className: "row home" }, button("Home", go), make("span", { className: "with-unit" }, unit("method"), method),
     make("span", { className: "with-unit" }, unit("within"), within, unit("s")));
 }
 
@@ -118,13 +118,14 @@ function card(axis, grants) {
   const actions = make("div", { className: "row actions" }, stop);
   if (granted && granted.max_velocity !== null) actions.append(...jogs(axis, granted));
   parts.element = make("article", { className: "card" }, headOf(axis, path, granted, parts, wordsElement),
-    make("div", { className: "readings" }, position.element, velocity.element, target.element), parts.bar, troubleOf(path, granted, parts),
+    make("div", { className: "readings" }, position.element, velocity.element, target.element), parts.bar,
     make("div", { className: "motions" }, actions));
   if (granted?.moves) {
     actions.after(homing(axis, path));
     parts.element.append(moves(axis, path, granted));
   }
-  parts.element.append(wordsElement);
+  // Below the buttons: none of them moves when something is wrong.
+  parts.element.append(troubleOf(path, granted, parts), wordsElement);
   parts.element.dataset.axis = axis.name;
   find("axes").append(parts.element);
   showLimits(path, words.limits, axis.count);
