@@ -166,7 +166,7 @@ pub struct Deadlines {
     /// ([`Traits::drive_cycle`](crate::profile_position::Traits::drive_cycle)) count, however short this is: the drive needs them.
     pub acknowledge: Duration,
     /// From bit 12 until an acknowledged set-point shows that it has begun: bit 10 falls, or the axis leaves where it stood. Of an axis that
-    /// rests for so long the set-point ends as [`Failure::Unknown`](super::Failure::Unknown): with bit 10 high it has not begun, with bit 10 low
+    /// rests for so long the set-point ends as [`Failure::Unknown`](crate::Failure::Unknown): with bit 10 high it has not begun, with bit 10 low
     /// at its target it has not ended. Give more where a brake or an input of the drive holds the axis back for longer.
     pub begin: Duration,
     /// From the beginning of a stop to standstill. A stop by bit 8 goes on to its quick stop after three quarters of it. At its end an axis
@@ -246,7 +246,7 @@ impl Default for Loss {
 // Whether the positions of an axis mean anything: since a homing, by an absolute encoder, or not at all.
 
 /// How an axis comes to know where it is. Without that, absolute moves are refused as
-/// [`Failure::NotReferenced`](super::Failure::NotReferenced); relative moves, homing and jogging need no reference.
+/// [`Failure::NotReferenced`](crate::Failure::NotReferenced); relative moves, homing and jogging need no reference.
 ///
 /// ```
 /// use servocrab::{AxisConfig, DriveConfig, Referencing, drives};
@@ -275,7 +275,7 @@ pub enum Referencing {
 // What a drive held, when its axis attached, of how it stops and of when it calls its axis standing.
 
 /// What the drive of an axis held, when the axis attached, of how it stops and of when it calls the axis standing:
-/// [`Axis::drive_settings`](super::Axis::drive_settings).
+/// [`Axis::drive_settings`](crate::Axis::drive_settings).
 ///
 /// ```
 /// # use std::time::Duration;

@@ -80,7 +80,7 @@ pub struct Snapshot<U: AxisUnit = Counts> {
     pub halted: bool,
     /// Whether the axis has a set-point, or may have one.
     pub has_set_point: bool,
-    /// Whether the axis knows where it is: by [`Referencing`](super::Referencing).
+    /// Whether the axis knows where it is: by [`Referencing`](crate::Referencing).
     pub referenced: bool,
 }
 

@@ -1,4 +1,4 @@
-//! The bus thread: discovery, configuration, cyclic exchange, and the [`Network`] that a program holds of it.
+//! The bus thread: discovery, configuration, cyclic exchange, and the [`Network`](crate::Network) that a program holds of it.
 //!
 //! Each room calls those above it in this table and none below it; `.ci/structure` checks the imports.
 //!

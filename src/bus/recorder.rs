@@ -235,7 +235,7 @@ pub struct RecordedCycles {
     pub lost: u64,
 }
 
-/// Shows the values of every cycle. Made by [`Network::recorder`](super::Network::recorder).
+/// Shows the values of every cycle. Made by [`Network::recorder`](crate::Network::recorder).
 ///
 /// It reads what the bus thread keeps in any case: the last thousand cycles. So it costs the cycle nothing, however many signals and
 /// recorders there are, and a program that reads at least every half second at cycles of 1 ms loses none.

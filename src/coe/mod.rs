@@ -1,7 +1,7 @@
 //! CANopen over EtherCAT: typed objects, the SDO codec, the mailbox client, emergencies.
 //!
-//! Pure: [`object`], [`value`] and [`obj`] (the objects), [`mailbox`], [`sdo`], [`information`] and [`emergency`] (bytes and
-//! transfers without I/O), [`error`]. With `std`: the mailbox client, one per device, and its transport.
+//! Pure: objects and values, and [`obj`] (the known objects); [`mailbox`], [`sdo`], [`information`] and [`Emergency`] (bytes and
+//! transfers without I/O), errors. With `std`: the mailbox client, one per device, and its transport.
 
 #[cfg(feature = "std")]
 mod client;

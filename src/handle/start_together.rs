@@ -217,7 +217,7 @@ impl<T: sealed::Requests> StartTogether for T {}
 mod sealed {
     use super::{AxisError, AxisErrorKind, AxisUnit, CountsRequest, Move, MoveRequest, Pending};
 
-    /// What [`start_together`](super::start_together) asks of its moves.
+    /// What [`start_together`](crate::start_together) asks of its moves.
     pub trait Requests {
         /// The same moves under way.
         type Moves;

@@ -27,7 +27,7 @@ use crate::{
     units::{AxisScale, Scale},
 };
 
-/// What a network shows to threads beside the program's own: a panel, a monitor. Made by [`Network::view`](super::Network::view).
+/// What a network shows to threads beside the program's own: a panel, a monitor. Made by [`Network::view`](crate::Network::view).
 ///
 /// It holds no handle of an axis: a view that is dropped stops nothing, and a network that is dropped ends although views of it exist.
 /// Then its axes count as lost, and its SDO transfers fail.
@@ -120,19 +120,19 @@ impl NetworkView {
         self.drives.iter().map(|drive| &drive.sdo)
     }
 
-    /// As [`Network::statistics`](super::Network::statistics).
+    /// As [`Network::statistics`](crate::Network::statistics).
     #[must_use]
     pub fn statistics(&self) -> Statistics {
         self.control.statistics()
     }
 
-    /// As [`Network::timing`](super::Network::timing).
+    /// As [`Network::timing`](crate::Network::timing).
     #[must_use]
     pub fn timing(&self) -> Timing {
         self.control.counters.timing()
     }
 
-    /// As [`Network::drive_statistics`](super::Network::drive_statistics).
+    /// As [`Network::drive_statistics`](crate::Network::drive_statistics).
     #[must_use]
     pub fn drive_statistics(&self) -> Vec<DriveStatistics> {
         let counted = self.drives.iter().map(|drive| {
@@ -153,7 +153,7 @@ impl NetworkView {
         self.axes.iter().map(AxisSource::statistics).collect()
     }
 
-    /// As [`Network::port_errors`](super::Network::port_errors).
+    /// As [`Network::port_errors`](crate::Network::port_errors).
     ///
     /// # Errors
     /// [`NetworkError::Line`] if they could not be read; [`NetworkError::Thread`] if the network has ended.
@@ -172,7 +172,7 @@ impl NetworkView {
         asked.await?.map_err(NetworkError::Line)
     }
 
-    /// As [`Network::recover`](super::Network::recover), of the device at this position of the line. Its progress is reported to nobody.
+    /// As [`Network::recover`](crate::Network::recover), of the device at this position of the line. Its progress is reported to nobody.
     ///
     /// # Errors
     /// As there.
@@ -183,7 +183,7 @@ impl NetworkView {
         ask(&self.control, &self.over, asked).await?
     }
 
-    /// As [`Network::recorder`](super::Network::recorder).
+    /// As [`Network::recorder`](crate::Network::recorder).
     ///
     /// # Errors
     /// [`NetworkError::Declaration`] if an axis, a device or a point is not declared, or an object is not mapped.
@@ -298,14 +298,14 @@ impl NetworkView {
     }
 
     /// The latest events of the network, the oldest first, each with its number from 0: up to 64. Those of
-    /// [`Network::events`](super::Network::events) are not taken by it.
+    /// [`Network::events`](crate::Network::events) are not taken by it.
     #[must_use]
     pub fn recent_events(&self) -> Vec<(u64, NetworkEvent)> {
         self.control.recent.read()
     }
 
     /// The latest emergencies of all drives, the oldest first, each with its number from 0: up to 64. Those of
-    /// [`Network::all_emergencies`](super::Network::all_emergencies) are not taken by it.
+    /// [`Network::all_emergencies`](crate::Network::all_emergencies) are not taken by it.
     #[must_use]
     pub fn recent_emergencies(&self) -> Vec<(u64, DriveEmergency)> {
         self.emergencies.recent()
