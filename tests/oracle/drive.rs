@@ -249,6 +249,9 @@ const LATE: u32 = 3;
 /// Samples may be missing for three eighths of a settle time of 100 ms.
 const MISSING: f64 = 0.0375;
 
+/// No axis is further from its demand, in counts, when bit 10 rises.
+const FURTHEST_SWING: f64 = 600.0;
+
 impl Drive {
     pub fn new(making: Making, habits: Habits, mut random: Random) -> Self {
         let mut drive = Self {
@@ -914,6 +917,7 @@ impl Drive {
     /// Where it ends a set-point that leads to `goal` from there, if it limits it.
     fn limit_of(&mut self, from: f64, goal: f64) -> Option<f64> {
         const CLAMPS: Habits = Habits::of(&[Habit::Clamps, Habit::ClampOfOneSample]);
+        const SWINGS: Habits = Habits::of(&[Habit::Overshoot, Habit::Creeps]);
         let (least, most) = self.making.limits;
         // One that stands beyond its range already goes no further.
         let within = goal.clamp(least.min(from), most.max(from));
@@ -929,6 +933,10 @@ impl Drive {
             .random
             .pick(&[2.0 * window, 5.0 * window, 300.0, way * 0.3, way * 0.9]);
         if short < 2.0 * window || way - short <= 2.0 * window {
+            return None;
+        }
+        // S5: no axis overshoots, or lags, as far as its target is away.
+        if self.habits.any(SWINGS) && short < FURTHEST_SWING {
             return None;
         }
         if self.habits.has(Habit::Clamps) {
