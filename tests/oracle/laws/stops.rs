@@ -28,7 +28,8 @@ impl Scenario {
 
     /// A moving axis keeps its brake.
     pub fn judge_brake(&mut self) -> Result<(), ()> {
-        if self.sent.is_enable_operation() {
+        // Bit 8 is the first part of a stop.
+        if self.sent.is_enable_operation() && self.sent.word & HALT == 0 {
             self.watch.stopping_since = None;
             return Ok(());
         }
