@@ -371,8 +371,11 @@ impl Modes {
             self.sequencer.step(cycle, events);
             return ModeStepped::Nothing;
         }
-        // Whoever looks at 607Ah finds no jump, not even after the zero has moved.
-        self.sequencer.follow_position(cycle.evidence.position);
+        // Whoever looks at 607Ah finds no jump, not even after the zero has moved. A drive that takes its set-points from there would chase
+        // its own position.
+        if matches!(self.active, Mode::Homing | Mode::ProfileVelocity) {
+            self.sequencer.follow_position(cycle.evidence.position);
+        }
         if self.has_motion() {
             self.sequencer.forget_place();
         }
