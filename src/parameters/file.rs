@@ -998,6 +998,19 @@ mod tests {
         );
     }
 
+    #[test]
+    fn what_is_no_number_is_refused_for_an_integer() {
+        for (value, got) in [("nan", "NaN"), ("inf", "inf"), ("1.5", "1.5")] {
+            let text =
+                format!("[[parameter]]\nobject = \"6081h:00\"\ntype = \"u32\"\nvalue = {value}\n");
+            let error = set_error(&text);
+            assert!(
+                error.ends_with(&format!("expected u32, got {got}")),
+                "{error}"
+            );
+        }
+    }
+
     /// A directory that nothing else uses.
     fn directory(name: &str) -> PathBuf {
         let name = format!("servocrab-{name}-{}", process::id());
