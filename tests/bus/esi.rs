@@ -4,7 +4,12 @@
 use std::path::PathBuf;
 
 use crate::rig::{Line, Rig, unhomed};
-use servocrab::{DriveConfig, Network, Referencing, bus::DistributedClock, coe::AbortCode, esi::{Esi, EsiDevice, EsiDifferences}};
+use servocrab::{
+    DriveConfig, Network, Referencing,
+    bus::DistributedClock,
+    coe::AbortCode,
+    esi::{Esi, EsiDevice, EsiDifferences},
+};
 use servocrab_sim::{AlState, Device, EsiChoice, EsiDrive, Segment, personality::Servo};
 
 fn path(name: &str) -> PathBuf {

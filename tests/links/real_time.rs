@@ -30,7 +30,12 @@ fn in_a_process(test: &str, command: &[&str]) -> Option<Output> {
     let mut child = Command::new(arguments.next().expect("itself at least"));
     let output = child
         .args(arguments)
-        .args(["--exact", test, "--nocapture", "--test-threads=1"])
+        .args([
+            "--exact",
+            &format!("real_time::{test}"),
+            "--nocapture",
+            "--test-threads=1",
+        ])
         .env(INSIDE, "1")
         .output()
         .expect("it starts");

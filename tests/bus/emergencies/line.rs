@@ -9,7 +9,12 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{Network, bus::{BusLoop, NetworkBuilder}, coe::{Emergencies, Emergency}, link::Wire};
+use servocrab::{
+    Network,
+    bus::{BusLoop, NetworkBuilder},
+    coe::{Emergencies, Emergency},
+    link::Wire,
+};
 use servocrab_sim::{AlState, Segment};
 
 pub(crate) const MS: Duration = Duration::from_millis(1);

@@ -2,7 +2,10 @@
 
 use std::{cell::Cell, thread, time::Duration};
 
-use servocrab::{Axis, AxisConfig, DriveConfig, Network, Outcome, Referencing, SetPoint, coe::SdoHandle, drives, ds402::State};
+use servocrab::{
+    Axis, AxisConfig, DriveConfig, Network, Outcome, Referencing, SetPoint, coe::SdoHandle, drives,
+    ds402::State,
+};
 use servocrab_sim::{Segment, personality::Servo};
 use smol::future::zip;
 

@@ -1,6 +1,12 @@
 //! The emergencies as a program gets them: of one drive, of all drives, and what is told when nobody took them in time.
 
-use servocrab::{AxisConfig, DriveConfig, Failure, Network, Referencing, SetPoint, axis::AxisErrorKind, bus::NetworkEvent, coe::{Emergencies, Emergency, EmergencyReport}, drives};
+use servocrab::{
+    AxisConfig, DriveConfig, Failure, Network, Referencing, SetPoint,
+    axis::AxisErrorKind,
+    bus::NetworkEvent,
+    coe::{Emergencies, Emergency, EmergencyReport},
+    drives,
+};
 use servocrab_sim::{
     Segment,
     personality::{self, Servo},

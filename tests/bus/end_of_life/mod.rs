@@ -12,7 +12,15 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{Axis, AxisConfig, DriveConfig, Failure, HomingMethod, HomingParameters, Network, NetworkError, Referencing, SetPoint, axis::Deadlines, bus::{BusLoop, Finding, Miscounted, NetworkEvent}, coe::obj, drives, link::Wire};
+use servocrab::{
+    Axis, AxisConfig, DriveConfig, Failure, HomingMethod, HomingParameters, Network, NetworkError,
+    Referencing, SetPoint,
+    axis::Deadlines,
+    bus::{BusLoop, Finding, Miscounted, NetworkEvent},
+    coe::obj,
+    drives,
+    link::Wire,
+};
 use servocrab_sim::{
     Segment,
     ds402::{Machine, State},

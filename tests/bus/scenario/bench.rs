@@ -12,7 +12,14 @@ use std::{
     time::Duration,
 };
 
-use servocrab::{Axis, AxisConfig, AxisError, BufferMode, DriveConfig, Failure, HomingMethod, HomingParameters, Move, Network, Outcome, ProfilePosition, Referencing, SetPoint, axis::{AxisErrorKind, Unsupported}, coe::{SdoError, obj}, drives::DriveDescription, ds402::State};
+use servocrab::{
+    Axis, AxisConfig, AxisError, BufferMode, DriveConfig, Failure, HomingMethod, HomingParameters,
+    Move, Network, Outcome, ProfilePosition, Referencing, SetPoint,
+    axis::{AxisErrorKind, Unsupported},
+    coe::{SdoError, obj},
+    drives::DriveDescription,
+    ds402::State,
+};
 use servocrab_sim::{
     Segment,
     ds402::{Executed, Machine},

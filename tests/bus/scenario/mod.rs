@@ -8,7 +8,10 @@ mod steps;
 use std::fmt::Write as _;
 
 use bench::{Bench, Subject};
-use servocrab::{Referencing, drives::{self, DriveDescription}};
+use servocrab::{
+    Referencing,
+    drives::{self, DriveDescription},
+};
 use servocrab_sim::personality::Servo;
 
 const EXPECTED: &str = include_str!("../../vectors/scenario.txt");
