@@ -186,7 +186,6 @@ impl Sequencer {
         self.handshake = Handshake::LOW;
         self.bits = ModeBits::NONE;
         self.needs_stop = false;
-        self.observer = Observer::new();
     }
 
     /// The axis stands halted: reports it for each set-point that the drive keeps.
@@ -519,6 +518,9 @@ impl Sequencer {
         let start = command.set_point.buffer_mode;
         let previous = self.observer.last_ends();
         if base == RelativeBase::PreviousTarget {
+            // An axis that was moved since, without power or by hand, counts from nobody knows where.
+            let is_there = |ends: &Ends| ends.contain(position, rules.bounds);
+            let previous = previous.filter(|ends| self.observer.count() > 0 || is_there(ends));
             return previous.unwrap_or(Ends::ANYWHERE);
         }
         if let Some(before) = self
