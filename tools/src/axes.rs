@@ -7,12 +7,12 @@ use clap::Args;
 use servocrab::{
     AxisConfig, DriveConfig,
     bus::{Expected, IoConfig, LineDevice, NetworkBuilder},
-    coe::{AxisOffset, DriveId, obj},
+    coe::{AxisOffset, DriveId, SdoHandle, obj},
 };
 
 use crate::{
     line::LineArguments,
-    machine::{Axis, Machine, Units, init::points_of},
+    machine::{Axis, Machine, Units, init::points_of, io_name},
     output::{Failure, Tool},
     report::description_of,
 };
@@ -95,53 +95,87 @@ impl Drives {
         line: &[LineDevice],
         config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
     ) -> Result<Self, Failure> {
-        let (mut drives, mut ios, mut axes) = (Vec::new(), Vec::new(), Vec::new());
-        for device in line {
-            let position = device.id.position;
-            let (mut drive, named) = match &machine {
-                Some(machine) => match machine.devices.get(usize::from(position)) {
-                    Some(known) if known.kind.is_drive() => {
-                        (machine.drive(known)?, known.axes.clone())
-                    }
-                    _ => continue,
-                },
-                None => match description_of(device).await {
-                    Some(description) => {
-                        let numbers = 1..=description.axes.len();
-                        let named = numbers.map(|axis| Axis::named(axis_name(position, axis)));
-                        let named = named.collect();
-                        (DriveConfig::new(description), named)
-                    }
-                    None => {
-                        ios.extend(io(device).map(|io| (position, io)));
-                        continue;
-                    }
-                },
-            };
-            let Some(sdo) = &device.sdo else { continue };
-            for (number, Axis { name, units }) in (1..).zip(named) {
-                let velocity = obj::TARGET_VELOCITY.offset(AxisOffset::of_axis(number));
-                let declared = units.declare(AxisConfig::new(&name));
-                let axis = FoundAxis {
-                    jogs: sdo.read(velocity).await.is_ok(),
-                    name,
-                    drive: device.id.clone(),
-                    units,
-                };
-                drive = drive.axis(config(&axis, declared));
-                axes.push(axis);
-            }
-            drives.push((position, drive));
+        let mut all = Self {
+            drives: Vec::new(),
+            ios: Vec::new(),
+            axes: Vec::new(),
+            machine: None,
+        };
+        match &machine {
+            Some(machine) => all.take_machine(machine, line, config).await?,
+            None => all.take_line(line, config).await,
         }
-        if axes.is_empty() {
+        if all.axes.is_empty() {
             return Err("no drive was found on the line".into());
         }
-        Ok(Self {
-            drives,
-            ios,
-            machine,
-            axes,
-        })
+        all.machine = machine;
+        Ok(all)
+    }
+
+    /// All drives of the file, there or not: the network refuses another line.
+    async fn take_machine(
+        &mut self,
+        machine: &Machine,
+        line: &[LineDevice],
+        config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
+    ) -> Result<(), Failure> {
+        for (position, known) in (0..).zip(&machine.devices) {
+            if known.kind.is_drive() {
+                let found = line.get(usize::from(position));
+                let sdo = found.and_then(|device| device.sdo.as_ref());
+                let drive = machine.drive(known)?;
+                self.take(known.id(position), drive, known.axes.clone(), sdo, &config)
+                    .await;
+            }
+        }
+        Ok(())
+    }
+
+    /// Each device by its own description.
+    async fn take_line(
+        &mut self,
+        line: &[LineDevice],
+        config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
+    ) {
+        for device in line {
+            let position = device.id.position;
+            if let Some(description) = description_of(device).await {
+                let numbers = 1..=description.axes.len();
+                let named = numbers.map(|axis| Axis::named(axis_name(position, axis)));
+                let (named, drive) = (named.collect(), DriveConfig::new(description));
+                let sdo = device.sdo.as_ref();
+                self.take(device.id.clone(), drive, named, sdo, &config)
+                    .await;
+            } else {
+                self.ios.extend(io(device).map(|io| (position, io)));
+            }
+        }
+    }
+
+    async fn take(
+        &mut self,
+        id: DriveId,
+        mut drive: DriveConfig,
+        named: Vec<Axis>,
+        sdo: Option<&SdoHandle>,
+        config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
+    ) {
+        for (number, Axis { name, units }) in (1..).zip(named) {
+            let velocity = obj::TARGET_VELOCITY.offset(AxisOffset::of_axis(number));
+            let declared = units.declare(AxisConfig::new(&name));
+            let axis = FoundAxis {
+                jogs: match sdo {
+                    Some(sdo) => sdo.read(velocity).await.is_ok(),
+                    None => false,
+                },
+                name,
+                drive: id.clone(),
+                units,
+            };
+            drive = drive.axis(config(&axis, declared));
+            self.axes.push(axis);
+        }
+        self.drives.push((id.position, drive));
     }
 
     /// The devices that are no drives stay as they are.
@@ -191,7 +225,7 @@ fn io(device: &LineDevice) -> Option<IoConfig> {
         identity,
     } = &device.id;
     let expected = Expected::new(identity.vendor, identity.product).named(name.clone());
-    Some(IoConfig::new(&format!("io {position}"), expected))
+    Some(IoConfig::new(&io_name(*position), expected))
 }
 
 /// How an axis is called that no file names.

@@ -12,7 +12,7 @@ use serde::Deserialize;
 use servocrab::{
     AxisConfig, DriveConfig,
     bus::{DistributedClock, Expected, IoConfig, NetworkBuilder},
-    coe::{AnyObject, ObjectAddress},
+    coe::{AnyObject, DriveId, ObjectAddress},
     drives::{self, DriveDescription},
     esi::Esi,
     sii::Identity,
@@ -233,7 +233,7 @@ impl Machine {
         devices.fold(network, |network, (position, device)| match device.kind {
             Kind::Other => network.expect(position, device.expected()),
             Kind::Io => {
-                let io = IoConfig::new(&device.io_name(position), device.expected());
+                let io = IoConfig::new(&io_name(position), device.expected());
                 network.io(position, io)
             }
             _ => network,
@@ -309,10 +309,28 @@ impl Device {
         }
     }
 
-    /// How a program calls it.
-    pub(crate) fn io_name(&self, position: u16) -> String {
-        format!("io {position}")
+    fn identity(&self) -> Identity {
+        Identity {
+            vendor: self.vendor,
+            product: self.product,
+            revision: self.revision,
+            serial: self.serial,
+        }
     }
+
+    /// As it stands at this place of the line.
+    pub(crate) fn id(&self, position: u16) -> DriveId {
+        DriveId {
+            position,
+            name: self.name.clone(),
+            identity: self.identity(),
+        }
+    }
+}
+
+/// How a program calls a device with inputs or outputs at this place of the line.
+pub(crate) fn io_name(position: u16) -> String {
+    format!("io {position}")
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Device, Direction, Kind, Machine};
+use super::{Device, Direction, Kind, Machine, io_name};
 
 /// A module that adds the line to a network, with the names of its inputs and outputs.
 pub(super) fn source(machine: &Machine) -> String {
@@ -28,7 +28,7 @@ pub(super) fn source(machine: &Machine) -> String {
             Kind::Io => write!(
                 text,
                 "\n        .io({place}, servocrab::bus::IoConfig::new({:?}, {}))",
-                device.io_name(position),
+                io_name(position),
                 expected(device)
             ),
             _ => write!(text, "\n        .drive({place}, {})", drive(device)),
@@ -135,7 +135,7 @@ fn described(device: &Device) -> String {
 fn names(position: u16, device: &Device) -> String {
     let mut text = format!(
         "\n/// Inputs and outputs of `{}`, position {position}: {}.\npub mod io_{position} {{\n",
-        device.io_name(position),
+        io_name(position),
         one_line(&device.name)
     );
     let mut used = Vec::new();

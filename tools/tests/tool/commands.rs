@@ -1029,6 +1029,24 @@ fn a_machine_s_file_gives_axes_their_names_and_units_and_the_tool_takes_them() {
 }
 
 #[test]
+fn a_line_without_the_last_drive_of_its_machine_s_file_is_refused_and_nothing_moves() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("machine.toml");
+    let path = file.display();
+    with_code(0, &format!("init --sim akd2g,io,generic {path}"));
+    let moved = servocrab(&format!(
+        "move --sim akd2g,io --machine {path} --axis 0-1 --by 100 --velocity 5000 --yes"
+    ));
+    assert_eq!(moved.code, Some(2), "{}", moved.output);
+    assert!(moved.errors.contains("expected"), "{}", moved.errors);
+    // Its axes are known all the same, and named where one is asked for.
+    let which = servocrab(&format!(
+        "move --sim akd2g,io --machine {path} --by 1 --velocity 50 --yes"
+    ));
+    assert!(which.errors.contains("--axis 2-1"), "{}", which.errors);
+}
+
+#[test]
 fn a_drive_is_simulated_by_its_esi_file() {
     let esi = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/esi/akd2g.xml");
     let line = with_code(0, &format!("scan --sim io,{}", esi.display()));
