@@ -54,7 +54,17 @@ pub(crate) fn inside_namespace(test: &str) -> bool {
         output.status.success(),
         "{test} failed inside its namespace"
     );
+    assert_one_ran(test, &output.stdout);
     false
+}
+
+/// That the test was run again: by a name that nothing has none is, and that is a success.
+pub(crate) fn assert_one_ran(test: &str, output: &[u8]) {
+    let said = String::from_utf8_lossy(output);
+    assert!(
+        said.contains("1 passed;"),
+        "no test is called {test}: {said}"
+    );
 }
 
 /// Makes a cable: two interfaces that are up.

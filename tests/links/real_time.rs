@@ -7,6 +7,7 @@ use std::{
     process::{Command, Output},
 };
 
+use crate::namespace::assert_one_ran;
 use servocrab::{
     DriveConfig, Network, NetworkError,
     bus::{RealTime, RealTimeError, Scheduling},
@@ -27,20 +28,19 @@ fn in_a_process(test: &str, command: &[&str]) -> Option<Output> {
         .iter()
         .map(std::convert::AsRef::as_ref)
         .chain([own.as_os_str()]);
+    let test = format!("real_time::{test}");
     let mut child = Command::new(arguments.next().expect("itself at least"));
     let output = child
         .args(arguments)
-        .args([
-            "--exact",
-            &format!("real_time::{test}"),
-            "--nocapture",
-            "--test-threads=1",
-        ])
+        .args(["--exact", &test, "--nocapture", "--test-threads=1"])
         .env(INSIDE, "1")
         .output()
         .expect("it starts");
     print!("{}", String::from_utf8_lossy(&output.stdout));
     eprint!("{}", String::from_utf8_lossy(&output.stderr));
+    if output.status.success() {
+        assert_one_ran(&test, &output.stdout);
+    }
     Some(output)
 }
 
