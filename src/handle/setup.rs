@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use crate::{
     StopRequest,
     axis::{AxisCore, AxisFields, Snapshot},
-    coe::{AxisOffset, Number, Object, ObjectAddress, Readable, SdoError, Transfer},
+    coe::{AxisOffset, ObjectAddress, SdoError, Transfer},
     pdo_map::Layout,
     units::{AxisScale, AxisUnit},
 };
@@ -14,7 +14,6 @@ use crate::{
 use super::{
     AxisError, AxisIdentity, AxisPort, AxisStatistics, GroupQueue,
     axis::{Axis, Handles},
-    field::InputField,
     parameters::Claims,
     shared::Shared,
 };
@@ -154,12 +153,6 @@ impl AxisSource {
     /// The latest snapshot, without a handle.
     pub(crate) fn snapshot(&self) -> Snapshot {
         self.shared.snapshot()
-    }
-
-    /// The value of an object of the first axis' numbering that came last; none where the drive does not send it.
-    pub(crate) fn input<T: Number, A: Readable>(&self, object: Object<T, A>) -> Option<T> {
-        let field = InputField::of(&self.shared, object);
-        field.ok()?.last().map(|sampled| sampled.value)
     }
 
     pub(crate) fn statistics(&self) -> AxisStatistics {

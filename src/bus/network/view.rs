@@ -101,11 +101,11 @@ impl NetworkView {
                 unit: setup.scale.unit(),
                 position: scale.position_of(snapshot.position),
                 velocity: scale.velocity_of(snapshot.velocity),
-                following_error: source
-                    .input(obj::FOLLOWING_ERROR_ACTUAL)
+                following_error: snapshot
+                    .following_error
                     .map(|error| scale.position_of(error)),
-                torque: source
-                    .input(obj::TORQUE_ACTUAL)
+                torque: snapshot
+                    .torque
                     .map(|thousandths| f64::from(thousandths) / 1000.0),
                 snapshot,
                 scale: *scale,
