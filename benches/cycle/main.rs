@@ -63,7 +63,7 @@ const PAIRS: [[&str; 2]; 2] = [
 const AXES_OF_TWO: usize = 8;
 const AXES: [usize; 4] = [1, 8, 64, 256];
 /// Rounds in which the masters take their turns.
-const ROUNDS: usize = 9;
+const ROUNDS: usize = 5;
 /// Cycles of a round.
 const FAST_CYCLES: usize = 4000;
 const PACED_CYCLES: usize = 500;
