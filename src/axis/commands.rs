@@ -166,7 +166,6 @@ impl Machines {
     /// others it waits for the next fresh ones.
     fn start_move_now(&mut self, step: &Step<'_>) {
         let ready = step.delivered
-            && !step.sends_halt()
             && !self.outputs.stop_unsent
             && step.state == State::OperationEnabled;
         if ready {

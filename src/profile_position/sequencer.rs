@@ -247,15 +247,13 @@ impl Sequencer {
         if let Some(blocked) = &mut self.blocked {
             blocked.pass(cycle.elapsed);
         }
-        if !cycle.halted {
-            self.start_next(cycle, events);
-        }
+        self.start_next(cycle, events);
     }
 
     /// The move whose turn it is starts, if all that it needs is there.
     pub fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
         self.armed = None;
-        if !matches!(self.handshake, Handshake::Low(_)) {
+        if cycle.halted || !matches!(self.handshake, Handshake::Low(_)) {
             return;
         }
         let Some(&request) = self.pending.first() else {

@@ -322,7 +322,8 @@ impl Drive {
             1 => self.active.map(|(active, _)| {
                 let ahead = |to: f64, from: f64| (to - from).abs().min((to - self.demand).abs());
                 let behind = |next: SetPoint| ahead(next.to, active.to);
-                let way = ahead(active.to, self.position);
+                // Further than its way was long it has overshot.
+                let way = ahead(active.to, self.position).min(self.ledger[active.index].way);
                 // Of a distance nobody else knows the end to less than a window.
                 let vague = self.ledger[active.index].relative;
                 let vague = if vague { self.making.window } else { 0.0 };
