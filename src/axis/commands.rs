@@ -165,9 +165,8 @@ impl Machines {
     /// The move that has just been taken in rises in the next frame, if the last inputs were fresh and nothing is in its way. After
     /// others it waits for the next fresh ones.
     fn start_move_now(&mut self, step: &Step<'_>) {
-        let ready = step.delivered
-            && !self.outputs.stop_unsent
-            && step.state == State::OperationEnabled;
+        let ready =
+            step.delivered && !self.outputs.stop_unsent && step.state == State::OperationEnabled;
         if ready {
             let cycle = self.cycle(step);
             let events = &mut self.events.0;

@@ -1350,7 +1350,15 @@ impl Drive {
         }
         let active = self.active.map(|(active, _)| active.index);
         let (low, high) = (before.min(self.position), before.max(self.position));
-        for index in active.into_iter().chain(self.recent) {
+        // The axis follows the demand, which may have passed two ends meanwhile.
+        let before_that = self.recent.and_then(|recent| recent.checked_sub(1));
+        let passed = |index: &usize| {
+            self.ledger[*index]
+                .end
+                .is_some_and(|(_, end)| end == End::Passed)
+        };
+        let before_that = before_that.filter(passed);
+        for index in active.into_iter().chain(self.recent).chain(before_that) {
             let latch = &mut self.ledger[index];
             let over = latch.limit.is_some() && active.is_some_and(|active| active != index);
             if !over && (latch.began.is_some() || latch.still) {

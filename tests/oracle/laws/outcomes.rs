@@ -264,13 +264,26 @@ impl Scenario {
             };
         }
         // Where a distance leads that counts from nobody knows where the drive alone says.
-        let known = !latch.relative || (latch.known && self.watch.base_is_known);
         let index = issued.latch.unwrap_or_default();
+        let known = !latch.relative
+            || (latch.known && self.watch.base_is_known && self.base_was_reached(index, &latch));
         let is_right = match latch.arrived {
             Some(_) => was_there || !known || self.is_limited_at_once(&latch),
             None => self.drive.is_still(index) || self.drive.is_there_soon(index),
         };
         (!is_right).then_some("Reached: that set-point has ended there")
+    }
+
+    /// Whether the end of the one that it was taken behind was seen. A drive that limits that one may lead this one on from there.
+    fn base_was_reached(&self, index: usize, latch: &Latch) -> bool {
+        let before = index.checked_sub(1).filter(|_| latch.behind);
+        before.is_none_or(|before| {
+            let issued = self.issued.iter();
+            issued
+                .rev()
+                .find(|issued| issued.latch == Some(before))
+                .is_none_or(|issued| issued.good)
+        })
     }
 
     /// Whether the drive limits it within the window of where it began: that looks like one that has not begun (S5).
@@ -290,12 +303,18 @@ impl Scenario {
         let latch = &ledger[index];
         // Of what the axis passes while it halts the core claims nothing. Nor does an end show to which it comes before bit 10 is surely its own.
         let seen = issued.acknowledged + self.watch.answer;
-        // Nor one to which it comes while the move before may still settle.
+        // Nor one to which it comes while the move before may still settle, or before its way has shown that it is the active one (A2).
+        let settle = self.watch.settle as u64;
+        let second_half = if self.watch.room_is_shown {
+            settle
+        } else {
+            3 * settle
+        };
         let is_short = |at: u64| {
             let began = latch.began.unwrap_or(at);
             index > 0
                 && ledger[index - 1].end.is_some()
-                && at - began <= self.watch.settle as u64 + self.watch.answer
+                && at - began <= second_half + self.watch.answer
         };
         let short = latch.way <= 3.0 * self.watch.window.max(self.in_a_tick(latch));
         if latch.relative

@@ -149,6 +149,11 @@ impl Scenario {
 
     /// Notes when the answer to a low bit 4 came.
     pub fn note_low(&mut self) {
+        if !self.sample.is_enabled() {
+            // Bit 12 answers nothing there.
+            self.watch.low = None;
+            return;
+        }
         let delivered = self.told == Told::Fresh && !self.sent.bit(4);
         if delivered && self.watch.low.is_none() {
             self.watch.low = Some((self.now, self.sample.word & ACKNOWLEDGE != 0));
