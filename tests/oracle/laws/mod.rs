@@ -50,6 +50,8 @@ pub struct Watch {
     quick_since: Option<u64>,
     /// What was asked for since the last frame.
     asked: Asked,
+    /// Whether the last sample showed Operation enabled, in Profile Position.
+    drives: bool,
     /// When bit 4 is known to have been delivered low first, and whether bit 12 was high then.
     low: Option<(Duration, bool)>,
     /// It is open whether the drive holds a set-point: none goes out before a stop.

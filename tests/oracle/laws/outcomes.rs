@@ -268,10 +268,18 @@ impl Scenario {
         let known = !latch.relative
             || (latch.known && self.watch.base_is_known && self.base_was_reached(index, &latch));
         let is_right = match latch.arrived {
-            Some(_) => was_there || !known || self.is_limited_at_once(&latch),
+            Some(_) => {
+                was_there || !known || self.is_limited_at_once(&latch) || self.goes_round(&latch)
+            }
             None => self.drive.is_still(index) || self.drive.is_there_soon(index),
         };
         (!is_right).then_some("Reached: that set-point has ended there")
+    }
+
+    /// Whether its way leads past its end on a modulo axis, before it comes there for good.
+    fn goes_round(&self, latch: &Latch) -> bool {
+        let turn = self.drive.making.turn;
+        turn.is_some_and(|(_, length)| latch.way >= length as f64)
     }
 
     /// Whether the end of the one that it was taken behind was seen. A drive that limits that one may lead this one on from there.
@@ -316,10 +324,18 @@ impl Scenario {
                 && ledger[index - 1].end.is_some()
                 && at - began <= second_half + self.watch.answer
         };
+        // Nor one that was passed while the next one was on its way: beyond it bit 10 is high.
+        let is_overtaken = |at: u64| {
+            let next = ledger.get(index + 1);
+            latch.out.end_velocity != 0
+                && next.is_some_and(|next| next.taken <= at + self.watch.answer)
+        };
         let short = latch.way <= 3.0 * self.watch.window.max(self.in_a_tick(latch));
         if latch.relative
             || issued.halted
-            || latch.arrived.is_some_and(|at| at <= seen || is_short(at))
+            || latch
+                .arrived
+                .is_some_and(|at| at <= seen || is_short(at) || is_overtaken(at))
             || (latch.out.end_velocity != 0 && short)
         {
             return false;

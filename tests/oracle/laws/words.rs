@@ -149,14 +149,15 @@ impl Scenario {
 
     /// Notes when the answer to a low bit 4 came.
     pub fn note_low(&mut self) {
-        if !self.sample.is_enabled() {
-            // Bit 12 answers nothing there.
-            self.watch.low = None;
-            return;
-        }
+        let drives = self.sample.is_enabled() && self.sample.mode == 1;
+        let begins = !core::mem::replace(&mut self.watch.drives, drives) && drives;
         let delivered = self.told == Told::Fresh && !self.sent.bit(4);
-        if delivered && self.watch.low.is_none() {
-            self.watch.low = Some((self.now, self.sample.word & ACKNOWLEDGE != 0));
+        let high = self.sample.word & ACKNOWLEDGE != 0;
+        match &mut self.watch.low {
+            low @ None if delivered => *low = Some((self.now, high)),
+            // Where the mode begins with bit 12 high, the drive has seen the low by the words before.
+            Some((_, acknowledge)) if begins => *acknowledge |= high,
+            _ => {}
         }
     }
 
