@@ -50,6 +50,9 @@ pub enum Command {
     SetLimits(Limits),
     /// Bit 8: pause, keeping the set-point.
     Halt,
+    /// Bit 8, and at standstill a set-point to where the axis stands, then bit 8 low: the kept set-points are gone, and it stays enabled. It
+    /// ends well as [`Completion::Reached`](super::Completion::Reached), or as [`Stopped`](super::Completion::Stopped) where there was none.
+    Hold,
     /// Bit 8 low: go on.
     Resume,
     /// Halt, then abandon the set-point by quick stop.
@@ -65,7 +68,7 @@ impl Command {
     pub(super) const fn stops(&self) -> bool {
         matches!(
             self,
-            Self::Halt | Self::Stop | Self::Release | Self::QuickStop | Self::Disable
+            Self::Halt | Self::Hold | Self::Stop | Self::Release | Self::QuickStop | Self::Disable
         )
     }
 
@@ -74,6 +77,7 @@ impl Command {
         match self {
             Self::Enable
             | Self::Resume
+            | Self::Hold
             | Self::Home(_)
             | Self::Jog(_)
             | Self::Move(_)

@@ -45,6 +45,7 @@ impl Machines {
             // The core has them already.
             Command::SetLimits(_) => self.done(id, Ok(Completion::Done)),
             Command::Halt => self.halt(step, id),
+            Command::Hold => self.hold(step, id),
             Command::Resume => self.resume(step, id),
             Command::Stop | Command::Release => self.stop(step, id),
             Command::QuickStop => self.quick_stop(step, id),
@@ -211,13 +212,49 @@ impl Machines {
             self.wait_for_stop(id);
         } else if !self.power.is_driving() {
             self.await_standstill(step, id, false);
-        } else if !self.stopping.wait(
-            id,
-            Wait::Halt {
-                left: step.deadline(),
-            },
-        ) {
+        } else {
+            self.wait_for_halt(step, id, false);
+        }
+    }
+
+    fn wait_for_halt(&mut self, step: &Step<'_>, id: CommandId, holds: bool) {
+        let left = step.deadline();
+        if !self.stopping.wait(id, Wait::Halt { left, holds }) {
             self.done(id, Err(Failure::Busy));
+        }
+    }
+
+    /// Stops the axis, which stays enabled where it stands. An axis that stands without a set-point stays as it is.
+    fn hold(&mut self, step: &Step<'_>, id: CommandId) {
+        let stands = step.stands() && !self.stopping.halt.is_on && self.modes.is_idle();
+        match self.check_hold(step) {
+            Err(failure) => self.done(id, Err(failure)),
+            Ok(()) if stands => self.done(id, stopped(step.state)),
+            Ok(()) => {
+                self.begin_halt(step);
+                self.wait_for_halt(step, id, true);
+            }
+        }
+    }
+
+    fn check_hold(&self, step: &Step<'_>) -> Answer {
+        self.check_driving(step)?;
+        self.modes.check(Mode::ProfilePosition, step.mode)?;
+        let refuse = |reason| Err(Failure::Unsupported(Unsupported::Hold { reason }));
+        if self.modes.sequencer.needs_stop() {
+            Err(Failure::NeedsStop)
+        } else if !step.config.traits.acknowledges_while_halted {
+            refuse("its drive is not known to take a set-point while it is halted")
+        } else if let StartBits::Unsupported(reason) = step.config.traits.immediately {
+            refuse(reason)
+        } else if self.has_unmapped_end_velocity(step.config) {
+            refuse("its end velocity 6082h is not 0, and not in the process data")
+        } else if step.bounds.turn.is_some() {
+            refuse("on a modulo axis a set-point to where it stands may lead round a turn")
+        } else if !halts_under_control(step) {
+            Err(Failure::Unsupported(Unsupported::Halt))
+        } else {
+            Ok(())
         }
     }
 
@@ -233,7 +270,7 @@ impl Machines {
             Some(Failure::QUICK_STOPPED)
         } else if !self.power.is_driving() {
             Some(Failure::NotEnabled { state })
-        } else if self.resuming.is_some() || (halted && unsent) {
+        } else if self.resuming.is_some() || (halted && unsent) || sequencer.is_starting() {
             Some(Failure::Busy)
         } else if !halted {
             has_motion.then_some(Failure::Moving)
@@ -251,7 +288,10 @@ impl Machines {
             return;
         }
         self.stopping.halt.is_on = false;
-        self.resuming = Some(Resuming { id, falls: halted });
+        self.resuming = Some(Resuming {
+            id: Some(id),
+            falls: halted,
+        });
     }
 
     fn stop(&mut self, step: &Step<'_>, id: CommandId) {
@@ -289,8 +329,14 @@ impl Machines {
 
     // Everything for which a motion is refused.
 
-    /// What every start of a motion needs.
-    fn check_mode(&self, step: &Step<'_>, expected: Mode) -> Answer {
+    /// Whether the drive holds an end velocity that no frame changes.
+    fn has_unmapped_end_velocity(&self, config: &CoreConfig) -> bool {
+        let held = self.modes.sequencer.parameters().end_velocity;
+        config.fields.end_velocity.is_none() && held.is_some_and(|velocity| velocity != 0)
+    }
+
+    /// What every motion needs.
+    fn check_driving(&self, step: &Step<'_>) -> Answer {
         if let Some(fault) = step.shown_fault() {
             return Err(fault);
         }
@@ -301,10 +347,25 @@ impl Machines {
             let state = step.state;
             return Err(Failure::NotEnabled { state });
         }
+        Ok(())
+    }
+
+    /// What every start of a motion needs, but a move that replaces those of a halted axis.
+    fn check_mode(&self, step: &Step<'_>, expected: Mode) -> Answer {
+        self.check_driving(step)?;
         if self.stopping.halt.is_on {
             return Err(Failure::HALTED);
         }
         self.modes.check(expected, step.mode)
+    }
+
+    /// Whether the drive takes this move in place of those that it keeps while the axis stands halted.
+    fn replaces_halted(&self, step: &Step<'_>, command: &MoveCommand) -> bool {
+        step.config.traits.acknowledges_while_halted
+            && command.replaces()
+            && !command.gated
+            && !self.stopping.is_to_hold()
+            && self.stopping.stands_halted(step)
     }
 
     fn check_homing(&self, step: &Step<'_>) -> Answer {
@@ -372,7 +433,12 @@ impl Machines {
                 reason,
             }));
         }
-        self.check_mode(step, Mode::ProfilePosition)?;
+        if self.replaces_halted(step, &command) {
+            self.check_driving(step)?;
+            self.modes.check(Mode::ProfilePosition, step.mode)?;
+        } else {
+            self.check_mode(step, Mode::ProfilePosition)?;
+        }
         if self.modes.sequencer.needs_stop() {
             return Err(Failure::NeedsStop);
         }

@@ -8,8 +8,8 @@ use crate::{
     Failure,
     ds402::{Controlword, Mode, ModeBits, PowerCommand, State, Statusword},
     profile_position::{
-        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, LastSeen, Quiet,
-        Rules, WaitingFor,
+        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Evidence, LastSeen,
+        MoveCommand, Quiet, Rules, WaitingFor,
     },
     timer::{Due, Elapsed, Timer},
 };
@@ -198,7 +198,8 @@ pub(super) struct Machines {
 /// A resume that is not sent yet.
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Resuming {
-    pub id: CommandId,
+    /// Who waits for it.
+    pub id: Option<CommandId>,
     /// Bit 8 falls with it.
     pub falls: bool,
 }
@@ -242,6 +243,7 @@ impl Machines {
         let stepped = self.stopping.step(&step);
         self.apply_stop(&step, stepped);
         self.step_modes(&step);
+        self.step_hold();
         // Of the time until now the axis was halted.
         self.stopping.note_release(&step);
     }
@@ -360,6 +362,9 @@ impl Machines {
                 let events = &mut self.events.0;
                 self.modes.homing.halted(events);
                 self.modes.sequencer.report_halted(events);
+                if let Some(id) = self.stopping.take_hold() {
+                    self.replace_kept(step, id);
+                }
                 self.end_halts(stopped(step.state));
             }
             StopStep::Halted => self.end_halts(stopped(step.state)),
@@ -384,6 +389,38 @@ impl Machines {
             let failure = step.timeout(step.standstill(), Delivery::NotSent);
             self.done(id, Err(failure));
         }
+    }
+
+    /// In place of what the drive keeps: a set-point to where the axis stands. Where it keeps none, bit 8 falls.
+    fn replace_kept(&mut self, step: &Step<'_>, id: CommandId) {
+        let sequencer = &mut self.modes.sequencer;
+        if sequencer.needs_stop() {
+            self.done(id, Err(Failure::NeedsStop));
+        } else if sequencer.has_set_point() {
+            self.stopping.halt.holds = Some(id);
+            let command = MoveCommand::to_stay_at(step.position(), sequencer.parameters());
+            sequencer.submit(id, command, &mut self.events.0);
+        } else {
+            self.done(id, stopped(step.state));
+            self.release_halt();
+        }
+    }
+
+    /// Where the drive has taken the set-point that keeps the axis where it stands, bit 8 falls.
+    fn step_hold(&mut self) {
+        let holds = self.stopping.halt.holds;
+        if holds.is_some_and(|id| self.modes.sequencer.is_held(id)) {
+            self.release_halt();
+        }
+    }
+
+    /// Bit 8 falls with the next frame, and nobody waits for that.
+    const fn release_halt(&mut self) {
+        (self.stopping.halt.is_on, self.stopping.halt.holds) = (false, None);
+        self.resuming = Some(Resuming {
+            id: None,
+            falls: true,
+        });
     }
 
     fn apply_stop(&mut self, step: &Step<'_>, stepped: StopStep) {
@@ -586,7 +623,9 @@ impl Machines {
                 self.modes.sequencer.resumed(rules);
                 self.finish_stop(Err(Failure::Superseded));
             }
-            self.done(id, Ok(Completion::Done));
+            if let Some(id) = id {
+                self.done(id, Ok(Completion::Done));
+            }
         }
         self.modes.sequencer.disarm();
     }
@@ -749,7 +788,9 @@ impl Machines {
             if falls {
                 self.stopping.begin_halt();
             }
-            self.done(id, Err(failure));
+            if let Some(id) = id {
+                self.done(id, Err(failure));
+            }
         }
     }
 
@@ -848,6 +889,10 @@ impl Machines {
         if self.modes.jogging.has_motion() {
             // Its drive may set off just now.
             self.counts_rest_anew = Aside(true);
+        }
+        self.stopping.halt.holds = None;
+        if let Some(id) = self.stopping.take_hold() {
+            self.done(id, Err(failure));
         }
         self.modes.withdraw_unsent(failure, &mut self.events.0);
     }

@@ -39,8 +39,8 @@ pub(super) enum StopPhase {
 /// What a waiter waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Wait {
-    /// Standstill with bit 8.
-    Halt { left: Timer },
+    /// Standstill with bit 8. `holds`: the axis is then to be held there.
+    Halt { left: Timer, holds: bool },
     /// The end of the stop.
     Stop,
     /// The standstill of an axis whose stop was overtaken by a fault.
@@ -56,6 +56,8 @@ pub(super) struct Halt {
     pub unwatched: bool,
     /// It is the stop's own, and falls again where there is nothing to abandon.
     pub lent: bool,
+    /// It falls when the drive has taken the set-point of this command, which keeps the axis where it stands.
+    pub holds: Option<CommandId>,
     /// What it does.
     deceleration: DecelerationMonitor,
 }
@@ -66,6 +68,7 @@ impl Halt {
         seen: UntilSeen::UNDELIVERED,
         unwatched: false,
         lent: false,
+        holds: None,
         deceleration: DecelerationMonitor::new(),
     };
 
@@ -327,11 +330,11 @@ impl Stopping {
     /// Time passes for those who wait for a halt; the first whose time is over.
     pub fn pass_time_of_waiters(&mut self, step: &Step<'_>) -> Option<CommandId> {
         for (_, wait) in self.waiters.iter_mut().flatten() {
-            if let Wait::Halt { left } = wait {
+            if let Wait::Halt { left, .. } = wait {
                 left.pass(step.elapsed);
             }
         }
-        self.take_waiter(|wait| matches!(wait, Wait::Halt { left } if left.is_over()))
+        self.take_waiter(|wait| matches!(wait, Wait::Halt { left, .. } if left.is_over()))
     }
 
     /// Adds a waiter; false when there is no room. One that waits already waits on.
@@ -377,6 +380,18 @@ impl Stopping {
             }
         }
         waits
+    }
+
+    /// Whether the axis is to be held where it is halted.
+    pub fn is_to_hold(&self) -> bool {
+        let mut waiting = self.waiters.iter().flatten();
+        self.halt.holds.is_some()
+            || waiting.any(|(_, wait)| matches!(wait, Wait::Halt { holds: true, .. }))
+    }
+
+    /// Takes the one that waits to hold the axis where it is halted.
+    pub fn take_hold(&mut self) -> Option<CommandId> {
+        self.take_waiter(|wait| matches!(wait, Wait::Halt { holds: true, .. }))
     }
 
     /// Takes one waiter, and the answer that it is to get in place of the end of its stop.

@@ -318,6 +318,26 @@ impl<U: AxisUnit> Axis<U> {
         Ok(())
     }
 
+    /// Stops the axis, which stays enabled where it stands: bit 8, and at standstill a set-point to there in place of those that the drive
+    /// keeps, which end as [`Superseded`](crate::Failure::Superseded); then bit 8 falls. It resolves when the axis stands there. PLCopen
+    /// calls it `MC_Halt`. An axis that stands without a set-point stays as it is.
+    ///
+    /// Once asked for it is completed, also when the future is dropped.
+    ///
+    /// # Errors
+    /// [`Unsupported::Hold`](crate::profile_position::Unsupported::Hold) where nothing was sent, and the axis moves on: its drive is not
+    /// known to take a set-point while it is halted
+    /// ([`Traits::acknowledges_while_halted`](crate::profile_position::Traits::acknowledges_while_halted)), the axis is a modulo axis, or
+    /// end velocity 6082h is not 0 and not mapped. Call [`stop`](Self::stop).
+    /// [`Unknown`](crate::Failure::Unknown) when the drive does not acknowledge: bit 8 stays set, and the axis needs a stop.
+    /// [`Halted`](crate::Failure::Halted) where somebody halts it meanwhile: it stays halted. In another mode than Profile Position, and
+    /// else as [`halt`](Self::halt).
+    pub async fn stop_and_hold(&self) -> Result<(), AxisError> {
+        self.stop_by(Command::Hold).await?;
+        self.trace("stopped, and held");
+        Ok(())
+    }
+
     /// Goes on after a halt; resolves when a frame with bit 8 low has been sent.
     ///
     /// # Errors

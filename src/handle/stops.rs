@@ -32,7 +32,7 @@ impl StopKind {
     /// The kind of this command, if it stops.
     pub const fn of(command: &Command) -> Option<Self> {
         match command {
-            Command::Halt => Some(Self::Halt),
+            Command::Halt | Command::Hold => Some(Self::Halt),
             Command::Stop | Command::QuickStop | Command::Release => Some(Self::Stop),
             Command::Disable => Some(Self::Disable),
             _ => None,

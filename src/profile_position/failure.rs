@@ -187,6 +187,14 @@ pub enum Unsupported {
         "halt option code 605Dh is 0, and the axis would coast at halt (bit 8): stop() it, or set 605Dh"
     )]
     Halt,
+    /// The axis cannot be stopped and held.
+    #[error(
+        "the axis cannot be stopped and stay enabled: {reason}; stop() it. With 605Ah = 5 or 6 it stays powered in Quick stop active, until enable()"
+    )]
+    Hold {
+        /// Why not.
+        reason: &'static str,
+    },
     /// The drive forgets its set-point at halt.
     #[error("this drive does not keep its set-point through a halt: stop, enable and move again")]
     Resume,

@@ -432,8 +432,8 @@ impl Observer {
             }
             let at_end = entry.ends.contain(position, bounds);
             let waits = self.worlds.has(Worlds::WAITING.and(own));
-            // Until the first has begun bit 10 may be high.
-            let is_fresh = waits && entry.behind == Behind::Nothing;
+            // Until the first has begun, from rest, bit 10 may be high.
+            let is_fresh = waits && entry.behind == Behind::Nothing && !entry.turns;
             let elsewhere = !cycle.halted && !is_fresh && evidence.reached.shows_high() && !at_end;
             let doubtful = (has_follower && elsewhere) || (follower.is_some() && evidence.blind);
             let passes = follower != Some(BufferMode::Buffered);
@@ -590,7 +590,6 @@ impl Observer {
     }
 
     /// Whether this one is held, and its outcome is not reported.
-    #[cfg(feature = "std")]
     pub fn is_untold(&self, id: CommandId) -> bool {
         let mut held = self.entries.iter().flatten();
         held.any(|entry| entry.id == id && entry.report != Report::Outcome)
@@ -651,6 +650,12 @@ impl Observer {
     pub fn resumed(&mut self, rules: &Rules<'_>) {
         let under_way = self.worlds.and(Worlds::RUNNING).0 >> 1;
         self.worlds = self.worlds.or(Worlds(under_way));
+        if let [Some(first), Some(_)] = &mut self.entries
+            && first.sighting == Sighting::None
+        {
+            // It may end where the axis was halted, while bit 10 says nothing of it.
+            first.sighting = Sighting::Doubtful;
+        }
         for entry in self.entries.iter_mut().flatten() {
             entry.shown_by_way = false;
             entry.turns = true;

@@ -1,7 +1,7 @@
 //! Moves that wait for their turn, in the order in which they were asked for. One that replaces all others overtakes those that would be
 //! queued.
 
-use super::{BufferMode, CommandId, MoveCommand};
+use super::{CommandId, MoveCommand};
 
 /// Moves that may wait; one more is refused as busy.
 const PLACES: usize = 4;
@@ -16,7 +16,7 @@ pub(super) struct Request {
 impl Request {
     /// Whether it replaces all others.
     pub fn replaces(&self) -> bool {
-        self.command.set_point.buffer_mode == BufferMode::Aborting
+        self.command.replaces()
     }
 }
 

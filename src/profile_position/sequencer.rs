@@ -103,6 +103,16 @@ impl Sequencer {
         sent.is_some_and(|sent| sent.request.id == id) || self.observer.is_untold(id)
     }
 
+    /// Whether the drive has acknowledged this move, and its outcome is not reported.
+    pub fn is_held(&self, id: CommandId) -> bool {
+        self.observer.is_untold(id)
+    }
+
+    /// Whether a move waits, or its set-point is on its way.
+    pub const fn is_starting(&self) -> bool {
+        !self.pending.is_empty() || !self.handshake.is_low()
+    }
+
     /// Whether only a stop makes known what the drive holds.
     pub const fn needs_stop(&self) -> bool {
         self.needs_stop
@@ -253,13 +263,18 @@ impl Sequencer {
     /// The move whose turn it is starts, if all that it needs is there.
     pub fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
         self.armed = None;
-        if cycle.halted || !matches!(self.handshake, Handshake::Low(_)) {
+        if !matches!(self.handshake, Handshake::Low(_)) {
             return;
         }
         let Some(&request) = self.pending.first() else {
             self.blocked = None;
             return;
         };
+        if cycle.halted
+            && !(request.command.replaces() && cycle.rules.traits.acknowledges_while_halted)
+        {
+            return;
+        }
         let within = self.check_limits(&request.command, cycle);
         let shown = within.is_ok() && self.send_start_bits(&request.command, cycle.rules.traits);
         let ready = match self.place_for(&request.command, &cycle.rules) {

@@ -204,6 +204,28 @@ impl Hash for MoveCommand {
     }
 }
 
+impl MoveCommand {
+    /// Whether it replaces all others.
+    pub(crate) fn replaces(&self) -> bool {
+        self.set_point.buffer_mode == BufferMode::Aborting
+    }
+
+    /// To where the axis stands, with the parameters of the move that it replaces, but for its end velocity.
+    pub(crate) fn to_stay_at(position: i32, parameters: &Parameters) -> Self {
+        let mut set_point = SetPoint::new();
+        set_point.parameters = Parameters {
+            end_velocity: parameters.end_velocity.map(|_| 0),
+            ..*parameters
+        };
+        Self {
+            reference: Reference::Absolute,
+            target: position,
+            set_point,
+            gated: false,
+        }
+    }
+}
+
 impl<U: AxisUnit> MoveCommand<U> {
     /// The same in the drive's units.
     ///

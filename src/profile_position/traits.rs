@@ -128,6 +128,9 @@ pub struct Traits {
     pub relative_base: RelativeBase,
     /// Whether a halted set-point is kept and continued when bit 8 falls.
     pub halt_keeps_set_point: bool,
+    /// Whether it acknowledges a set-point while bit 8 is high, and goes there when bit 8 falls. False where its documents do not say: then
+    /// none is sent to a halted axis.
+    pub acknowledges_while_halted: bool,
     /// The drive's own cycle: bit 4 must stay low for two of them where nothing shows that the drive has seen it low. With distributed
     /// clocks a `Network` takes SYNC0's cycle where that is longer.
     pub drive_cycle: Duration,
@@ -165,6 +168,7 @@ impl Traits {
             buffer_signal: BufferSignal::Unknown,
             relative_base: RelativeBase::Undocumented,
             halt_keeps_set_point: true,
+            acknowledges_while_halted: false,
             drive_cycle: Duration::from_millis(1),
             shows_voltage: false,
             homed: None,

@@ -922,7 +922,10 @@ impl Drive {
         let (least, most) = self.making.limits;
         // One that stands beyond its range already goes no further.
         let within = goal.clamp(least.min(from), most.max(from));
-        if within != goal && self.has(Habit::Limits) {
+        // S5: no axis overshoots, or lags, as far as its target is away.
+        let swings = self.habits.any(SWINGS);
+        let swings_there = |short: f64| swings && short < FURTHEST_SWING;
+        if within != goal && !swings_there((within - goal).abs()) && self.has(Habit::Limits) {
             return Some(within);
         }
         let clamps = self.habits.any(CLAMPS);
@@ -936,8 +939,7 @@ impl Drive {
         if short < 2.0 * window || way - short <= 2.0 * window {
             return None;
         }
-        // S5: no axis overshoots, or lags, as far as its target is away.
-        if self.habits.any(SWINGS) && short < FURTHEST_SWING {
+        if swings_there(short) {
             return None;
         }
         if self.habits.has(Habit::Clamps) {

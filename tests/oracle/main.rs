@@ -125,6 +125,7 @@ Home: Done Refused Aborted DriveFault
 Jog: Done Aborted
 Move: Reached Passed Refused Aborted Missed Unknown DriveFault Lost Late
 Halt: Done DriveFault
+Hold: Done Refused
 Resume: Done Refused
 Stop: Done
 QuickStop: Done

@@ -32,6 +32,8 @@ pub struct Made {
     pub drive: Random,
     pub cable: Random,
     pub choices: Random,
+    /// Its drive takes set-points while it is halted, and half of the halts hold the axis.
+    pub holds: bool,
 }
 
 /// What the program is like.
@@ -56,6 +58,9 @@ pub struct Program {
     pub end_velocity: Option<u32>,
 }
 
+/// So that it is drawn beside all others.
+const HOLDS: u64 = 0x4001_D5;
+
 impl Made {
     /// The scenario of this seed without these habits. What it draws is the same whatever is left out.
     pub fn new(seed: u64, without: Habits) -> Self {
@@ -63,6 +68,7 @@ impl Made {
         let mut random = Random::new(seed);
         let mut drawn = random.fork();
         let (drive, cable, choices) = (random.fork(), random.fork(), random.fork());
+        let mut holds = Random::new(seed ^ HOLDS);
         let (sound, habits) = draw_habits(side, &mut drawn);
         let habits = Habits(habits.0 & !without.0);
         let program = draw_program(&mut random);
@@ -70,7 +76,7 @@ impl Made {
         let shows_velocity = random.one_in(2);
         let described = random.pick(&[true, true, false]);
         let known_base = random.one_in(2);
-        let config = draw_config(
+        let mut config = draw_config(
             habits,
             &making,
             fields(shows_velocity, program.end_velocity.is_some()),
@@ -78,6 +84,8 @@ impl Made {
             period * slow as u32 * making.drive_cycle,
             &mut random,
         );
+        let holds = holds.one_in(4);
+        config.traits.acknowledges_while_halted = holds;
         Self {
             side,
             habits,
@@ -92,6 +100,7 @@ impl Made {
             drive,
             cable,
             choices,
+            holds,
         }
     }
 }

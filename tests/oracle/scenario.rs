@@ -66,6 +66,7 @@ pub enum Kind {
     Jog,
     Move,
     Halt,
+    Hold,
     Resume,
     Stop,
     QuickStop,
@@ -83,6 +84,7 @@ impl Kind {
             Command::Jog(_) => Self::Jog,
             Command::Move(_) => Self::Move,
             Command::Halt => Self::Halt,
+            Command::Hold => Self::Hold,
             Command::Resume => Self::Resume,
             Command::Stop => Self::Stop,
             Command::QuickStop => Self::QuickStop,
@@ -94,7 +96,7 @@ impl Kind {
     pub const fn stops(self) -> bool {
         matches!(
             self,
-            Self::Halt | Self::Stop | Self::QuickStop | Self::Disable | Self::Release
+            Self::Halt | Self::Hold | Self::Stop | Self::QuickStop | Self::Disable | Self::Release
         )
     }
 
@@ -147,6 +149,7 @@ pub struct Scenario {
     pub sound: bool,
     pub program: Program,
     choices: Random,
+    holds: bool,
     pub period: Duration,
     pub now: Duration,
     pub cycle: u64,
@@ -223,6 +226,7 @@ impl Scenario {
             sound: made.sound,
             program: made.program,
             choices: made.choices,
+            holds: made.holds,
             period: made.period,
             now: Duration::ZERO,
             cycle: 0,
@@ -436,7 +440,10 @@ impl Scenario {
         for _ in 0..volley {
             let mut random = random.fork();
             let number = self.issued.len() as u32;
-            let command = self.choose(&mut random);
+            let command = match self.choose(&mut random) {
+                Command::Halt if self.holds && number.is_multiple_of(2) => Command::Hold,
+                command => command,
+            };
             if self.cut.commands.binary_search(&number).is_ok() {
                 // A place in the numbering, so that the names of the others stay.
                 self.issued.push(Issued {
@@ -502,13 +509,21 @@ impl Scenario {
         }
         // Where the axis would coast at bit 8 a halt is refused.
         let refused = issued.kind == Kind::Halt && self.watch.halt_coasts;
-        if !refused {
+        let held = self.must_stop();
+        if issued.kind != Kind::Hold && !refused {
             self.note_asked(issued.kind);
         }
-        let held = self.must_stop();
         let now = self.now;
         self.host
             .call(|core, outputs| core.submit(now, CommandId(id), command, outputs));
+        if issued.kind == Kind::Hold {
+            // What its drive cannot do is refused, and is no stop.
+            self.drain()?;
+            if self.issued[id as usize].done {
+                return Ok(id);
+            }
+            self.note_asked(issued.kind);
+        }
         if issued.kind.stops() && held && !refused {
             self.judge_stop(issued.kind)?;
         }

@@ -50,6 +50,8 @@ pub struct Watch {
     quick_since: Option<u64>,
     /// What was asked for since the last frame.
     asked: Asked,
+    /// Cycles after which an axis may lose its brake.
+    standstill: u64,
     /// Whether the last sample showed Operation enabled, in Profile Position.
     drives: bool,
     /// When bit 4 is known to have been delivered low first, and whether bit 12 was high then.
@@ -97,6 +99,7 @@ impl Watch {
             seen,
             answer: 2 * seen + 2 * made.slow + 1,
             limit: cycles(longest + Duration::from_secs(1)),
+            standstill: cycles(deadlines.standstill),
             stop_limit: cycles(deadlines.standstill + 2 * tolerances.settle) + 20,
             send_limit: cycles(deadlines.acknowledge + deadlines.begin + 2 * tolerances.settle)
                 + 20,
@@ -116,8 +119,8 @@ impl Scenario {
         watch.asked.stop |= kind.stops();
         watch.asked.halt |= kind.stops() && kind != Kind::QuickStop;
         watch.asked.resume |= kind == Kind::Resume;
-        watch.resume_asked |= kind == Kind::Resume;
-        if kind.stops() && kind != Kind::Halt {
+        watch.resume_asked |= kind == Kind::Resume || kind == Kind::Hold;
+        if kind.stops() && kind != Kind::Halt && kind != Kind::Hold {
             watch.stop_asked = self.cycle;
         }
     }

@@ -45,7 +45,14 @@ impl Scenario {
                     && bits(issued) == Some(latch.out.word & START_BITS)
                     && issued.a_move.map(|a_move| a_move.target) == Some(latch.out.target)
             });
-            if own.is_some() {
+            let hold = self.pending_hold().map(|id| id as usize);
+            let hold = hold.filter(|id| {
+                let hold = &self.issued[*id];
+                hold.sent && hold.latch.is_none() && latch.out.word & START_BITS == 0x20
+            });
+            if let Some(hold) = hold {
+                self.issued[hold].latch = Some(index);
+            } else if own.is_some() {
                 self.issued[name as usize].latch = Some(index);
             } else if self.is_inside() {
                 let what =
@@ -130,6 +137,12 @@ impl Scenario {
             );
             return self.broken("Homed: the drive has homed", what);
         }
+        // A move that was asked for since may have been taken already.
+        let mut since = self.issued.iter().skip(id as usize + 1);
+        let goes_on = since.any(|later| later.kind == Kind::Move && later.sent);
+        if kind == Kind::Hold && said.is_ok() && !goes_on {
+            return self.judge_stopped(id, issued, said);
+        }
         let Ok(Completion::Stopped { state }) = *said else {
             return Ok(());
         };
@@ -178,7 +191,10 @@ impl Scenario {
         let issued = self.issued[id as usize];
         let stale = self.stepping == Some(Told::Stale);
         let lost = said.is_err() && self.host.snapshot().lost;
-        let sent = matches!(issued.kind, Kind::Resume | Kind::Halt | Kind::Jog);
+        let sent = matches!(
+            issued.kind,
+            Kind::Resume | Kind::Halt | Kind::Hold | Kind::Jog
+        );
         let arrived = matches!(
             said,
             Ok(Completion::Reached { .. } | Completion::Passed { .. })

@@ -41,7 +41,7 @@ impl Scenario {
         let blind = self.cycle - self.watch.blind <= self.watch.answer;
         let deaf = Habits::of(&[Habit::QuickStopIgnored, Habit::LocalControl]);
         let deaf = self.habits.any(deaf);
-        if blind || deaf || self.cycle - since > self.watch.stop_limit {
+        if blind || deaf || self.cycle - since >= self.watch.standstill {
             return Ok(());
         }
         let what = format!(

@@ -124,6 +124,7 @@ impl Scenario {
             Kind::Mode => 2 * deadlines.mode,
             Kind::Resume => Duration::ZERO,
             Kind::Halt | Kind::QuickStop => standstill + disable,
+            Kind::Hold => standstill + deadlines.acknowledge + 2 * deadlines.begin,
             Kind::Stop | Kind::Release | Kind::Disable => 2 * standstill + disable,
             Kind::Move | Kind::Home | Kind::Jog => return Ok(()),
         };

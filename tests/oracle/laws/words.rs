@@ -60,7 +60,10 @@ impl Scenario {
         if self.told != Told::Fresh {
             return self.bad_word("bit 4 rises on fresh inputs");
         }
-        if !seen.is_enabled() || seen.mode != sent.mode || sent.word & 0x018F != 0x000F {
+        if !seen.is_enabled()
+            || seen.mode != sent.mode
+            || sent.word & 0x018F & !self.halt_beside(sent.word) != 0x000F
+        {
             return self.bad_word("bit 4 rises in Operation enabled, in its mode");
         }
         if self.watch.asked.stop {
@@ -71,6 +74,22 @@ impl Scenario {
             6 if self.is_pending(Kind::Home) => Ok(()),
             _ => self.bad_word("nothing moves that nobody asked for"),
         }
+    }
+
+    /// Bit 8, where it may be high beside bit 4: the set-point replaces what its drive keeps.
+    const fn halt_beside(&self, word: u16) -> u16 {
+        let replaces = word & 0x0020 != 0;
+        if self.config.traits.acknowledges_while_halted && replaces {
+            HALT
+        } else {
+            0
+        }
+    }
+
+    /// The command that stops the axis and holds it, and waits for the drive to take its set-point.
+    pub(super) fn pending_hold(&self) -> Option<u32> {
+        let mut pending = self.pending.iter().rev().copied();
+        pending.find(|id| self.issued[*id as usize].kind == Kind::Hold)
     }
 
     /// A set-point goes out.
@@ -89,6 +108,12 @@ impl Scenario {
         }
         if self.watch.needs_stop && self.is_inside() {
             return self.bad_word("after an open end no set-point goes out before a stop");
+        }
+        if sent.bit(8)
+            && let Some(id) = self.pending_hold()
+            && !self.issued[id as usize].sent
+        {
+            return self.judge_hold_sent(id);
         }
         let name = sent.velocity.wrapping_sub(self.program.speed) as usize;
         let bits = |a_move: &MoveCommand| self.start_bits(a_move);
@@ -145,6 +170,19 @@ impl Scenario {
             return Ok(());
         }
         self.bad_word("a set-point stays as it is under a high bit 4")
+    }
+
+    /// The set-point of a hold leads to where the axis stands.
+    fn judge_hold_sent(&mut self, id: u32) -> Result<(), ()> {
+        let target = f64::from(self.sent.target) + self.drive.zero();
+        let away = self.drive.apart(target, self.drive.position);
+        let stops = self.sent.end_velocity == 0;
+        let hold = &mut self.issued[id as usize];
+        if hold.sent || !stops || away > self.drive.no_way() {
+            return self.bad_word("a hold leads to where the axis stands, and is sent once");
+        }
+        hold.sent = true;
+        Ok(())
     }
 
     /// Notes when the answer to a low bit 4 came.
