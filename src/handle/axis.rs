@@ -772,44 +772,11 @@ impl<U: AxisUnit> Axis<U> {
     /// # Errors
     /// [`AxisErrorKind::Sdo`] if an object could not be read, [`ScaleError::ZeroFactor`] if one is 0.
     pub async fn factors(&self) -> Result<Factors, AxisError> {
-        let position = self
-            .factor(obj::POSITION_FACTOR_NUMERATOR, obj::POSITION_FACTOR_DIVISOR)
-            .await?;
-        let edition = if position.is_some() {
-            Edition::Version2
-        } else {
-            Edition::Version3
-        };
-        Ok(Factors {
-            edition,
-            encoder: self
-                .factor(obj::ENCODER_INCREMENTS, obj::ENCODER_REVOLUTIONS)
-                .await?,
-            gear: self
-                .factor(obj::GEAR_MOTOR_REVOLUTIONS, obj::GEAR_SHAFT_REVOLUTIONS)
-                .await?,
-            feed: self.factor(obj::FEED, obj::FEED_SHAFT_REVOLUTIONS).await?,
-            position,
-            velocity_encoder: match edition {
-                Edition::Version2 => {
-                    self.factor(
-                        obj::VELOCITY_ENCODER_FACTOR_NUMERATOR,
-                        obj::VELOCITY_ENCODER_FACTOR_DIVISOR,
-                    )
-                    .await?
-                }
-                Edition::Version3 => None,
-            },
-            velocity: self
-                .factor(obj::VELOCITY_FACTOR_NUMERATOR, obj::VELOCITY_FACTOR_DIVISOR)
-                .await?,
-            acceleration: self
-                .factor(
-                    obj::ACCELERATION_FACTOR_NUMERATOR,
-                    obj::ACCELERATION_FACTOR_DIVISOR,
-                )
-                .await?,
-        })
+        let mut held = [None; Factors::OBJECTS.len()];
+        for (held, [numerator, divisor]) in held.iter_mut().zip(Factors::OBJECTS) {
+            *held = self.factor(numerator, divisor).await?;
+        }
+        Ok(Factors::of(held))
     }
 
     async fn factor(

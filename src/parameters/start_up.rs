@@ -112,7 +112,12 @@ impl StartUpWrite {
     }
 }
 
-/// What is written to a drive on its way to OP, in order.
+/// What is written to a drive on its way to OP, in order, but scaling first.
+///
+/// A scale factor decides what the numbers in other objects mean. Lines that write one (607Eh, 6089h to 6097h, 60A8h to 60AAh,
+/// 60E6h to 60EEh, of any axis) therefore go out before all lines for other objects of the profile (6000h to 9FFFh), in whatever
+/// order they are declared. All else keeps its place: objects of the maker and of the communication, and lines of one kind among
+/// themselves. Scaling objects of the maker are not known as such: declare them before what they scale.
 ///
 /// Built in code, or read from a file by [`StartUpList::load`](StartUpList::load).
 ///
@@ -145,7 +150,7 @@ impl StartUpList {
         self
     }
 
-    /// Writes the lines of one transition to a drive, in order, up to the first that fails. A list with a line that no start-up list may
+    /// Writes the lines of one transition to a drive, scaling first, up to the first that fails. A list with a line that no start-up list may
     /// have (6040h, 6041h, 6060h, or a target: 6042h, 6071h, 607Ah, 60FFh, of any axis) is refused as a whole.
     ///
     /// A [`Network`](crate::Network) does this by itself with the lists of its
@@ -157,13 +162,9 @@ impl StartUpList {
         if let Some(mistake) = self.mistake() {
             return Err(mistake);
         }
-        for (place, write) in self.writes.iter().enumerate() {
-            if write.transition != transition {
-                continue;
-            }
-            write_value(sdo, write.object, &write.value, write.verify)
-                .await
-                .map_err(|fault| self.error(place, write, fault))?;
+        let lists = core::slice::from_ref(self);
+        for lines in StartUpLines::of(lists, transition).scaling_first() {
+            lines.write(sdo).await?;
         }
         Ok(())
     }
@@ -183,6 +184,15 @@ impl StartUpList {
             };
             Some(self.error(place, write, fault))
         })
+    }
+
+    /// The first line of SAFEOP that changes what numbers mean which have been read and written in PREOP.
+    pub(crate) fn late_scaling(&self) -> Option<StartUpError> {
+        let mut lines = self.writes.iter().enumerate();
+        let (place, write) = lines.find(|(_, write)| {
+            write.transition == Transition::SafeOpToOp && is_scaling(write.object)
+        })?;
+        Some(self.error(place, write, WriteFault::LateScaling))
     }
 
     /// The first line of SAFEOP that the process data overwrite in OP.
@@ -242,16 +252,90 @@ impl From<StartUpWrite> for StartUpList {
     }
 }
 
+/// The lines of one transition, of one or more lists, in the order in which they go out.
+pub(crate) struct StartUpLines<'a>(Vec<StartUpLine<'a>>);
+
+#[derive(Clone, Copy)]
+struct StartUpLine<'a> {
+    list: &'a StartUpList,
+    /// In its list, from 0.
+    place: usize,
+    write: &'a StartUpWrite,
+}
+
+impl<'a> StartUpLines<'a> {
+    /// As they are declared.
+    pub fn of(lists: &'a [StartUpList], transition: Transition) -> Self {
+        let lines = lists.iter().flat_map(|list| {
+            let writes = list.writes.iter().enumerate();
+            writes.map(move |(place, write)| StartUpLine { list, place, write })
+        });
+        Self(
+            lines
+                .filter(|line| line.write.transition == transition)
+                .collect(),
+        )
+    }
+
+    /// All up to the last scaling line but what that scales; and then what was held back, and the rest.
+    pub fn scaling_first(self) -> [Self; 2] {
+        scaling_first(self.0, |line| line.write.object).map(Self)
+    }
+
+    pub async fn write(&self, sdo: &SdoHandle) -> Result<(), StartUpError> {
+        for StartUpLine { list, place, write } in &self.0 {
+            write_value(sdo, write.object, &write.value, write.verify)
+                .await
+                .map_err(|fault| list.error(*place, write, fault))?;
+        }
+        Ok(())
+    }
+}
+
+/// All up to the last scaling object, but other objects of the profile; and then these, and the rest. What has no need to move keeps its
+/// order: a maker's object may unlock the scaling, and a command may load or store what was written before it.
+pub(super) fn scaling_first<T>(
+    writes: Vec<T>,
+    object: impl Fn(&T) -> ObjectAddress,
+) -> [Vec<T>; 2] {
+    let last = writes.iter().rposition(|write| is_scaling(object(write)));
+    let until = last.map_or(0, |last| last + 1);
+    let (mut first, mut then) = (Vec::new(), Vec::new());
+    for (place, write) in writes.into_iter().enumerate() {
+        let address = object(&write);
+        let is_scaled = on_first_axis(address).is_some() && !is_scaling(address);
+        if place < until && !is_scaled {
+            first.push(write);
+        } else {
+            then.push(write);
+        }
+    }
+    [first, then]
+}
+
+/// Whether an object decides what the numbers of others mean: polarity; the factors and dimensions of CiA 402 and DSP 402; the SI
+/// units; the factors of further encoders.
+fn is_scaling(object: ObjectAddress) -> bool {
+    matches!(
+        on_first_axis(object),
+        Some(0x607E | 0x6089..=0x6097 | 0x60A8..=0x60AA | 0x60E6..=0x60EE)
+    )
+}
+
+/// The index that an object of the profile has on the first axis.
+fn on_first_axis(object: ObjectAddress) -> Option<u16> {
+    let is_profile = (0x6000..0xA000).contains(&object.index);
+    is_profile.then(|| 0x6000 + (object.index - 0x6000) % 0x0800)
+}
+
 /// The index that a variable of the profile has on the first axis.
 pub(super) fn of_first_axis(object: ObjectAddress) -> Option<u16> {
-    let is_profile = (0x6000..0xA000).contains(&object.index) && object.subindex == 0;
-    is_profile.then(|| 0x6000 + (object.index - 0x6000) % 0x0800)
+    on_first_axis(object).filter(|_| object.subindex == 0)
 }
 
 /// Whether bit 0 of the object is a brake: 60FEh:1 of any axis (CiA 402, "set brake").
 pub(crate) fn is_brake(object: ObjectAddress) -> bool {
-    let is_profile = (0x6000..0xA000).contains(&object.index) && object.subindex == 1;
-    is_profile && (object.index - 0x6000) % 0x0800 == 0x00FE
+    on_first_axis(object) == Some(0x60FE) && object.subindex == 1
 }
 
 /// A line of a start-up list that could not be written.
@@ -329,6 +413,11 @@ pub enum WriteFault {
         "the process data overwrite this object in OP: write it at PREOP-SAFEOP, and it goes out until the program sets it by its handle"
     )]
     Output,
+    /// It is a scale factor, and written in SAFEOP.
+    #[error(
+        "it changes what numbers mean that were read and written in PREOP: write it at PREOP-SAFEOP"
+    )]
+    LateScaling,
     /// It opens the brake of an axis that nobody has enabled: bit 0 of a mapped 60FEh:1 is 0.
     #[error(
         "bit 0 is 0, which opens the brake before anybody has enabled the axis: write it as 1; the program opens the brake by its handle"

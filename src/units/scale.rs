@@ -124,6 +124,24 @@ impl Scale {
         self.acceleration.divide(counts.into())
     }
 
+    /// Counts of a unit.
+    #[cfg(feature = "std")]
+    pub(super) const fn position_ratio(&self) -> Ratio {
+        self.position
+    }
+
+    /// Velocity units of a unit/s.
+    #[cfg(feature = "std")]
+    pub(super) const fn velocity_ratio(&self) -> Ratio {
+        self.velocity
+    }
+
+    /// Acceleration units of a unit/s².
+    #[cfg(feature = "std")]
+    pub(super) const fn acceleration_ratio(&self) -> Ratio {
+        self.acceleration
+    }
+
     /// A velocity without a direction, where there is one.
     pub(crate) fn speed(
         &self,
@@ -333,6 +351,9 @@ pub fn example() -> Scale {
 pub trait Unit: Copy + fmt::Debug + PartialEq + Send + Sync + Unpin + 'static {
     /// What stands behind a number in a text, such as "mm".
     const NAME: &'static str;
+
+    /// How many metres one is, if it is a length: then the scale is compared with what a drive says in 60A8h and 60A9h.
+    const METRES: Option<Ratio> = None;
 }
 
 /// Millimetres.
@@ -341,6 +362,7 @@ pub struct Mm;
 
 impl Unit for Mm {
     const NAME: &'static str = "mm";
+    const METRES: Option<Ratio> = Some(Ratio::ONE_THOUSANDTH);
 }
 
 /// Degrees.
@@ -432,8 +454,15 @@ mod sealed {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AxisScale {
     /// None of an axis in counts.
-    unit: Option<(TypeId, &'static str)>,
+    unit: Option<DeclaredUnit>,
     scale: Scale,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct DeclaredUnit {
+    id: TypeId,
+    name: &'static str,
+    metres: Option<Ratio>,
 }
 
 impl AxisScale {
@@ -447,7 +476,11 @@ impl AxisScale {
     #[must_use]
     pub fn of<U: Unit>(scale: Scale) -> Self {
         Self {
-            unit: Some((TypeId::of::<U>(), U::NAME)),
+            unit: Some(DeclaredUnit {
+                id: TypeId::of::<U>(),
+                name: U::NAME,
+                metres: U::METRES,
+            }),
             scale,
         }
     }
@@ -455,7 +488,19 @@ impl AxisScale {
     /// The unit's name.
     #[must_use]
     pub fn unit(&self) -> &'static str {
-        self.unit.map_or(Counts::NAME, |(_, name)| name)
+        self.unit.map_or(Counts::NAME, |unit| unit.name)
+    }
+
+    /// Whether it is in a unit of the program's, and not in counts.
+    #[cfg(feature = "std")]
+    pub(super) const fn has_unit(&self) -> bool {
+        self.unit.is_some()
+    }
+
+    /// How many metres the unit is, if it is a length.
+    #[cfg(feature = "std")]
+    pub(super) fn metres(&self) -> Option<Ratio> {
+        self.unit?.metres
     }
 
     /// The scale.
@@ -467,7 +512,7 @@ impl AxisScale {
     /// Whether this is that unit.
     #[must_use]
     pub fn is_in<U: AxisUnit>(&self) -> bool {
-        let id = self.unit.map_or(TypeId::of::<Counts>(), |(id, _)| id);
+        let id = self.unit.map_or(TypeId::of::<Counts>(), |unit| unit.id);
         id == TypeId::of::<U>()
     }
 }
@@ -517,6 +562,11 @@ impl Ratio {
     pub const ONE: Self = Self {
         numerator: 1,
         denominator: 1,
+    };
+    /// One to a thousand.
+    const ONE_THOUSANDTH: Self = Self {
+        numerator: 1,
+        denominator: 1000,
     };
 
     /// `numerator` to `denominator`, in lowest terms.
