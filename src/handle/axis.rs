@@ -16,7 +16,7 @@ use crate::{
     },
     ds402::{Controlword, Mode, State},
     profile_position::{Limits, PositionRange},
-    units::{AxisUnit, Counts, Edition, Factors, Ratio, Scale, ScaleError, Unit},
+    units::{AxisUnit, Counts, Factors, Ratio, Scale, ScaleError, Unit},
 };
 
 use super::{
@@ -767,7 +767,7 @@ impl<U: AxisUnit> Axis<U> {
     }
 
     /// Reads the factor objects 608Fh, 6091h, 6092h, 6096h and 6097h of this axis by SDO, and 6093h and 6094h of older drives. A
-    /// drive that has 6093h is taken to follow [`Edition::Version2`]. Objects that the drive does not have are left out.
+    /// drive that has 6093h is taken to follow [`Edition::Version2`](crate::units::Edition::Version2). Objects that the drive does not have are left out.
     ///
     /// # Errors
     /// [`AxisErrorKind::Sdo`] if an object could not be read, [`ScaleError::ZeroFactor`] if one is 0.

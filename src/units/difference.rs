@@ -4,8 +4,8 @@
 //! increments, and say how its velocities and accelerations relate to its positions. So only that is compared which follows without an
 //! assumption. An object that is missing says nothing.
 
+use alloc::vec::Vec;
 use core::fmt;
-use std::vec::Vec;
 
 use super::scale::{AxisScale, Edition, Factors, Ratio};
 use crate::coe::{Object, ObjectAddress, ReadWrite, obj};
