@@ -738,6 +738,10 @@ mod tests {
                 value: 1,
             },
             LogRecord::NoAbortConnection { axis: "z".into() },
+            LogRecord::ScaleDiffers {
+                axis: "z".into(),
+                difference: ScaleDifference::example(),
+            },
             LogRecord::Miscounted(Arc::new(miscounted)),
         ]);
         seen();
