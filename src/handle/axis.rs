@@ -16,7 +16,7 @@ use crate::{
     },
     ds402::{Controlword, Mode, State},
     profile_position::{Limits, PositionRange},
-    units::{AxisUnit, Counts, Factors, Ratio, Scale, ScaleError, Unit},
+    units::{AxisUnit, Counts, DriveUnits, Factors, Ratio, Scale, ScaleError, Unit},
 };
 
 use super::{
@@ -772,11 +772,11 @@ impl<U: AxisUnit> Axis<U> {
     /// # Errors
     /// [`AxisErrorKind::Sdo`] if an object could not be read, [`ScaleError::ZeroFactor`] if one is 0.
     pub async fn factors(&self) -> Result<Factors, AxisError> {
-        let mut held = [None; Factors::OBJECTS.len()];
-        for (held, [numerator, divisor]) in held.iter_mut().zip(Factors::OBJECTS) {
+        let mut held = [None; DriveUnits::FACTORS.len()];
+        for (held, [numerator, divisor]) in held.iter_mut().zip(DriveUnits::FACTORS) {
             *held = self.factor(numerator, divisor).await?;
         }
-        Ok(Factors::of(held))
+        Ok(DriveUnits::factors(held))
     }
 
     async fn factor(

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::set::{Differences, Parameter, ParameterSet, Progress, is_parameter, read};
-use super::start_up::{WriteFault, of_first_axis, scaling_first, write_value};
+use super::start_up::{StartUpLines, WriteFault, of_first_axis, write_value};
 use crate::coe::{
     DriveError, DriveId, Object, ObjectAddress, ReadWrite, SdoError, SdoHandle, TransferKind, obj,
 };
@@ -101,10 +101,9 @@ impl ParameterSet {
     ) -> Result<Restored, RestoreError> {
         let mut done = Restored::default();
         let all = self.parameters.len();
-        let ordered = scaling_first(self.parameters.iter().collect(), |parameter| {
-            parameter.object
-        })
-        .concat();
+        let parameters = self.parameters.iter().collect();
+        let ordered = StartUpLines::split_at_scaling(parameters, |parameter| parameter.object);
+        let ordered = ordered.concat();
         let error = |fault, done: &Restored, at: usize, unconfirmed| RestoreError {
             drive: sdo.drive().clone(),
             fault,

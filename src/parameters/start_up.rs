@@ -159,78 +159,14 @@ impl StartUpList {
     /// # Errors
     /// [`StartUpError`]: which line failed and how; those before it have been written.
     pub async fn apply(&self, sdo: &SdoHandle, transition: Transition) -> Result<(), StartUpError> {
-        if let Some(mistake) = self.mistake() {
+        let lists = core::slice::from_ref(self);
+        if let Some(mistake) = StartUpLines::all(lists).mistake() {
             return Err(mistake);
         }
-        let lists = core::slice::from_ref(self);
         for lines in StartUpLines::of(lists, transition).scaling_first() {
             lines.write(sdo).await?;
         }
         Ok(())
-    }
-
-    /// The first line that a start-up list must not have. The controlword could switch an axis on before anything watches
-    /// it; a mode or a target that it holds then could move it; the statusword can only be read.
-    pub(crate) fn mistake(&self) -> Option<StartUpError> {
-        let mut lines = self.writes.iter().enumerate();
-        lines.find_map(|(place, write)| {
-            let fault = match of_first_axis(write.object)? {
-                0x6040 => WriteFault::Controlword,
-                0x6041 => WriteFault::Statusword,
-                0x6060 => WriteFault::Mode,
-                // Velocity, torque, position, and the velocity of mode 3.
-                0x6042 | 0x6071 | 0x607A | 0x60FF => WriteFault::Target,
-                _ => return None,
-            };
-            Some(self.error(place, write, fault))
-        })
-    }
-
-    /// The first line of SAFEOP that changes what numbers mean which have been read and written in PREOP.
-    pub(crate) fn late_scaling(&self) -> Option<StartUpError> {
-        let mut lines = self.writes.iter().enumerate();
-        let (place, write) = lines.find(|(_, write)| {
-            write.transition == Transition::SafeOpToOp && is_scaling(write.object)
-        })?;
-        Some(self.error(place, write, WriteFault::LateScaling))
-    }
-
-    /// The first line of SAFEOP that the process data overwrite in OP.
-    pub(crate) fn overwritten(
-        &self,
-        is_output: impl Fn(ObjectAddress) -> bool,
-    ) -> Option<StartUpError> {
-        let mut lines = self.writes.iter().enumerate();
-        let (place, write) = lines.find(|(_, write)| {
-            write.transition == Transition::SafeOpToOp && is_output(write.object)
-        })?;
-        Some(self.error(place, write, WriteFault::Output))
-    }
-
-    /// The first line that would open a brake which goes with the process data: nobody has enabled the axis then.
-    pub(crate) fn opens_brake(
-        &self,
-        is_output: impl Fn(ObjectAddress) -> bool,
-    ) -> Option<StartUpError> {
-        let mut lines = self.writes.iter().enumerate();
-        let (place, write) = lines.find(|(_, write)| {
-            let is_set = write
-                .value
-                .encode()
-                .first()
-                .is_some_and(|byte| byte & 1 != 0);
-            is_brake(write.object) && !is_set && is_output(write.object)
-        })?;
-        Some(self.error(place, write, WriteFault::Brake))
-    }
-
-    /// What an object holds before the mapping by its last line.
-    pub(crate) fn value_of(&self, object: ObjectAddress) -> Option<Vec<u8>> {
-        let mut lines = self.writes.iter().rev();
-        let line = lines.find(|write| {
-            write.object == object && write.transition == Transition::PreOpToSafeOp
-        })?;
-        Some(line.value.encode())
     }
 
     fn error(&self, place: usize, write: &StartUpWrite, fault: WriteFault) -> StartUpError {
@@ -252,7 +188,7 @@ impl From<StartUpWrite> for StartUpList {
     }
 }
 
-/// The lines of one transition, of one or more lists, in the order in which they go out.
+/// Lines of one or more lists, in the order in which they go out.
 pub(crate) struct StartUpLines<'a>(Vec<StartUpLine<'a>>);
 
 #[derive(Clone, Copy)]
@@ -265,52 +201,119 @@ struct StartUpLine<'a> {
 
 impl<'a> StartUpLines<'a> {
     /// As they are declared.
-    pub fn of(lists: &'a [StartUpList], transition: Transition) -> Self {
+    pub fn all(lists: &'a [StartUpList]) -> Self {
         let lines = lists.iter().flat_map(|list| {
             let writes = list.writes.iter().enumerate();
             writes.map(move |(place, write)| StartUpLine { list, place, write })
         });
-        Self(
-            lines
-                .filter(|line| line.write.transition == transition)
-                .collect(),
-        )
+        Self(lines.collect())
     }
 
-    /// All up to the last scaling line but what that scales; and then what was held back, and the rest.
+    /// Those of one transition.
+    pub fn of(lists: &'a [StartUpList], transition: Transition) -> Self {
+        let mut lines = Self::all(lists);
+        lines.0.retain(|line| line.write.transition == transition);
+        lines
+    }
+
+    /// In two parts, of which the first has the scaling.
     pub fn scaling_first(self) -> [Self; 2] {
-        scaling_first(self.0, |line| line.write.object).map(Self)
+        Self::split_at_scaling(self.0, |line| line.write.object).map(Self)
+    }
+
+    /// All up to the last scaling object, but other objects of the profile; and then these, and the rest. What has no need to move keeps
+    /// its order: a maker's object may unlock the scaling, and a command may load or store what was written before it.
+    pub fn split_at_scaling<T>(
+        writes: Vec<T>,
+        object: impl Fn(&T) -> ObjectAddress,
+    ) -> [Vec<T>; 2] {
+        let last = writes.iter().rposition(|write| is_scaling(object(write)));
+        let until = last.map_or(0, |last| last + 1);
+        let (mut first, mut then) = (Vec::new(), Vec::new());
+        for (place, write) in writes.into_iter().enumerate() {
+            let address = object(&write);
+            let is_scaled = on_first_axis(address).is_some() && !is_scaling(address);
+            if place < until && !is_scaled {
+                first.push(write);
+            } else {
+                then.push(write);
+            }
+        }
+        [first, then]
     }
 
     pub async fn write(&self, sdo: &SdoHandle) -> Result<(), StartUpError> {
-        for StartUpLine { list, place, write } in &self.0 {
-            write_value(sdo, write.object, &write.value, write.verify)
+        for line in &self.0 {
+            let StartUpWrite {
+                object,
+                value,
+                verify,
+                ..
+            } = line.write;
+            write_value(sdo, *object, value, *verify)
                 .await
-                .map_err(|fault| list.error(*place, write, fault))?;
+                .map_err(|fault| line.error(fault))?;
         }
         Ok(())
     }
+
+    /// The first line that a start-up list must not have. The controlword could switch an axis on before anything watches
+    /// it; a mode or a target that it holds then could move it; the statusword can only be read.
+    pub fn mistake(&self) -> Option<StartUpError> {
+        self.0.iter().find_map(|line| {
+            let fault = match of_first_axis(line.write.object)? {
+                0x6040 => WriteFault::Controlword,
+                0x6041 => WriteFault::Statusword,
+                0x6060 => WriteFault::Mode,
+                // Velocity, torque, position, and the velocity of mode 3.
+                0x6042 | 0x6071 | 0x607A | 0x60FF => WriteFault::Target,
+                _ => return None,
+            };
+            Some(line.error(fault))
+        })
+    }
+
+    /// The first line of SAFEOP that changes what numbers mean which have been read and written in PREOP.
+    pub fn late_scaling(&self) -> Option<StartUpError> {
+        let mut lines = self.0.iter();
+        let line = lines.find(|line| line.is_late() && is_scaling(line.write.object))?;
+        Some(line.error(WriteFault::LateScaling))
+    }
+
+    /// The first line of SAFEOP that the process data overwrite in OP.
+    pub fn overwritten(&self, is_output: impl Fn(ObjectAddress) -> bool) -> Option<StartUpError> {
+        let mut lines = self.0.iter();
+        let line = lines.find(|line| line.is_late() && is_output(line.write.object))?;
+        Some(line.error(WriteFault::Output))
+    }
+
+    /// The first line that would open a brake which goes with the process data: nobody has enabled the axis then.
+    pub fn opens_brake(&self, is_output: impl Fn(ObjectAddress) -> bool) -> Option<StartUpError> {
+        let mut lines = self.0.iter();
+        let line = lines.find(|line| {
+            let StartUpWrite { object, value, .. } = line.write;
+            let is_set = value.encode().first().is_some_and(|byte| byte & 1 != 0);
+            is_brake(*object) && !is_set && is_output(*object)
+        })?;
+        Some(line.error(WriteFault::Brake))
+    }
+
+    /// What an object holds by its last line.
+    pub fn value_of(&self, object: ObjectAddress) -> Option<Vec<u8>> {
+        let mut lines = self.0.iter().rev();
+        let line = lines.find(|line| line.write.object == object)?;
+        Some(line.write.value.encode())
+    }
 }
 
-/// All up to the last scaling object, but other objects of the profile; and then these, and the rest. What has no need to move keeps its
-/// order: a maker's object may unlock the scaling, and a command may load or store what was written before it.
-pub(super) fn scaling_first<T>(
-    writes: Vec<T>,
-    object: impl Fn(&T) -> ObjectAddress,
-) -> [Vec<T>; 2] {
-    let last = writes.iter().rposition(|write| is_scaling(object(write)));
-    let until = last.map_or(0, |last| last + 1);
-    let (mut first, mut then) = (Vec::new(), Vec::new());
-    for (place, write) in writes.into_iter().enumerate() {
-        let address = object(&write);
-        let is_scaled = on_first_axis(address).is_some() && !is_scaling(address);
-        if place < until && !is_scaled {
-            first.push(write);
-        } else {
-            then.push(write);
-        }
+impl StartUpLine<'_> {
+    fn is_late(&self) -> bool {
+        self.write.transition == Transition::SafeOpToOp
     }
-    [first, then]
+
+    fn error(&self, fault: WriteFault) -> StartUpError {
+        self.list.error(self.place, self.write, fault)
+    }
 }
 
 /// Whether an object decides what the numbers of others mean: polarity; the factors and dimensions of CiA 402 and DSP 402; the SI

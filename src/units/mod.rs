@@ -3,15 +3,13 @@
 //! A [`Unit`] is a type, so that numbers of one axis do not fit another in another unit. Its conversion is a value: a [`Scale`], made of
 //! [`Ratio`]s that are given or come from a drive's [`Factors`]. Handles of an axis have both: [`Axis<Mm>`](crate::Axis).
 
-#[cfg(feature = "std")]
-mod difference;
 mod scale;
 
-#[cfg(feature = "std")]
-pub(crate) use difference::DriveUnits;
-#[cfg(feature = "std")]
-pub use difference::{ScaleDifference, ScaleMismatch, ScaleQuantity};
 pub use scale::Ratio;
+#[cfg(feature = "std")]
+pub(crate) use scale::difference::DriveUnits;
+#[cfg(feature = "std")]
+pub use scale::difference::{ScaleDifference, ScaleMismatch, ScaleQuantity};
 #[cfg(test)]
 pub(crate) use scale::example;
 pub use scale::{AxisNumber, AxisScale, AxisUnit, Counts, Degree, Mm, Unit};

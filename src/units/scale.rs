@@ -1,5 +1,8 @@
 //! A program's units and the drive's counts, both ways.
 
+#[cfg(feature = "std")]
+pub mod difference;
+
 use core::{any::TypeId, fmt};
 
 use crate::coe::ObjectAddress;
@@ -122,24 +125,6 @@ impl Scale {
     #[must_use]
     pub fn acceleration_of(&self, counts: u32) -> f64 {
         self.acceleration.divide(counts.into())
-    }
-
-    /// Counts of a unit.
-    #[cfg(feature = "std")]
-    pub(super) const fn position_ratio(&self) -> Ratio {
-        self.position
-    }
-
-    /// Velocity units of a unit/s.
-    #[cfg(feature = "std")]
-    pub(super) const fn velocity_ratio(&self) -> Ratio {
-        self.velocity
-    }
-
-    /// Acceleration units of a unit/s².
-    #[cfg(feature = "std")]
-    pub(super) const fn acceleration_ratio(&self) -> Ratio {
-        self.acceleration
     }
 
     /// A velocity without a direction, where there is one.
@@ -489,18 +474,6 @@ impl AxisScale {
     #[must_use]
     pub fn unit(&self) -> &'static str {
         self.unit.map_or(Counts::NAME, |unit| unit.name)
-    }
-
-    /// Whether it is in a unit of the program's, and not in counts.
-    #[cfg(feature = "std")]
-    pub(super) const fn has_unit(&self) -> bool {
-        self.unit.is_some()
-    }
-
-    /// How many metres the unit is, if it is a length.
-    #[cfg(feature = "std")]
-    pub(super) fn metres(&self) -> Option<Ratio> {
-        self.unit?.metres
     }
 
     /// The scale.

@@ -9,7 +9,7 @@ use crate::{
     coe::{AnyObject, DriveId},
     drives::{DriveDescription, FurtherObject},
     ds402::Mode,
-    parameters::StartUpList,
+    parameters::{StartUpLines, StartUpList},
     pdo_map::{Direction, Layout, Mapping, MappingError},
     profile_position::{Limits, PositionRange},
     units::{AxisScale, Ratio, Scale, ScaleMismatch, Unit},
@@ -181,8 +181,8 @@ impl DriveConfig {
         if let Some(mistake) = self.mistakes.first() {
             return Some(mistake.clone());
         }
-        let mistake = |list: &StartUpList| list.mistake().or_else(|| list.late_scaling());
-        if let Some(mistake) = self.start_up.iter().find_map(mistake) {
+        let lines = StartUpLines::all(&self.start_up);
+        if let Some(mistake) = lines.mistake().or_else(|| lines.late_scaling()) {
             return Some(format!("start-up list: {mistake}"));
         }
         if let Some(mistake) = self.axes.iter().find_map(AxisConfig::mistake) {

@@ -21,7 +21,7 @@ use crate::{
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
     pdo_map::{Direction, Layout, Mapping},
     profile_position::{Limits, PositionRange, RelativeBase},
-    units::{AxisScale, DriveUnits, Factors, Ratio, ScaleDifference, ScaleMismatch},
+    units::{AxisScale, DriveUnits, Ratio, ScaleMismatch},
 };
 
 /// What a drive has beside what every device has.
@@ -141,13 +141,14 @@ impl Drive {
     }
 
     /// In PREOP, before anything that is counted in their units: factors as the scales of its axes say, where the program wants that.
-    pub(super) async fn write_scales(&self, sdo: &SdoHandle) -> Result<(), StepError> {
+    pub async fn write_scales(&self, sdo: &SdoHandle) -> Result<(), StepError> {
         for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
             if axis.scale_mismatch != ScaleMismatch::Write {
                 continue;
             }
-            let differences = scale_differences(sdo, axis, description.offset).await?;
-            let writes = differences.iter().filter_map(ScaleDifference::writes);
+            let units = read_units(sdo, axis, description.offset).await?;
+            let differences = units.differences(&axis.scale, axis.units_per_revolution);
+            let writes = differences.iter().filter_map(|one| units.writes(one));
             for (object, value) in writes.flatten() {
                 let written = sdo.write(object.offset(description.offset), value).await;
                 written.at(BringUpStep::Parameters)?;
@@ -159,7 +160,8 @@ impl Drive {
     /// Compares the declared scales of its axes with what the drive says of its units.
     async fn check_scales(&self, context: &Context, sdo: &SdoHandle) -> Result<(), StepError> {
         for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
-            for mut difference in scale_differences(sdo, axis, description.offset).await? {
+            let units = read_units(sdo, axis, description.offset).await?;
+            for mut difference in units.differences(&axis.scale, axis.units_per_revolution) {
                 difference.object.index = description.offset.apply(difference.object.index);
                 let axis_name = axis.name.clone();
                 match axis.scale_mismatch {
@@ -457,17 +459,17 @@ impl Due<'_> {
     }
 }
 
-/// Where the declared scale of an axis contradicts the drive. Nothing is read of an axis of which nothing is declared.
-async fn scale_differences(
+/// What the drive says of the units of an axis. Nothing is read of one of which nothing is declared.
+async fn read_units(
     sdo: &SdoHandle,
     axis: &AxisConfig,
     offset: AxisOffset,
-) -> Result<Vec<ScaleDifference>, StepError> {
+) -> Result<DriveUnits, StepError> {
     if axis.scale == AxisScale::COUNTS && axis.units_per_revolution.is_none() {
-        return Ok(Vec::new());
+        return Ok(DriveUnits::default());
     }
-    let mut held = [None; Factors::OBJECTS.len()];
-    for (held, [numerator, divisor]) in held.iter_mut().zip(Factors::OBJECTS) {
+    let mut held = [None; DriveUnits::FACTORS.len()];
+    for (held, [numerator, divisor]) in held.iter_mut().zip(DriveUnits::FACTORS) {
         if let Some(numerator) = read_if_it_can_be(sdo, numerator.offset(offset)).await?
             && let Some(divisor) = read_if_it_can_be(sdo, divisor.offset(offset)).await?
         {
@@ -475,12 +477,11 @@ async fn scale_differences(
             *held = Ratio::new(numerator.into(), divisor.into()).ok();
         }
     }
-    let units = DriveUnits {
-        factors: Factors::of(held),
+    Ok(DriveUnits {
+        factors: DriveUnits::factors(held),
         si_position: read_if_it_can_be(sdo, obj::SI_UNIT_POSITION.offset(offset)).await?,
         si_velocity: read_if_it_can_be(sdo, obj::SI_UNIT_VELOCITY.offset(offset)).await?,
-    };
-    Ok(units.differences(&axis.scale, axis.units_per_revolution))
+    })
 }
 
 /// Sets what the axis does when the process data stop to a value that stops it, and checks what the drive holds then. Whether the

@@ -311,9 +311,8 @@ impl Device {
             let place = layout.find(Direction::Outputs, object.index, object.subindex);
             place.is_some()
         };
-        let mut lists = self.start_up.iter();
-        let opens_brake = |list: &StartUpList| list.opens_brake(|at| is_output(&drive.layout, at));
-        if let Some(error) = lists.find_map(opens_brake) {
+        let lines = StartUpLines::all(&self.start_up);
+        if let Some(error) = lines.opens_brake(|at| is_output(&drive.layout, at)) {
             return Err(error).at(BringUpStep::StartUpList);
         }
         held_outputs::set_brakes(&drive.layout, &self.start_up, &sdo).await?;
@@ -567,7 +566,7 @@ fn check_lists(
     lists: &[StartUpList],
     is_output: impl Fn(ObjectAddress) -> bool,
 ) -> Result<(), StepError> {
-    match lists.iter().find_map(|list| list.overwritten(&is_output)) {
+    match StartUpLines::all(lists).overwritten(is_output) {
         Some(error) => Err(error).at(BringUpStep::StartUpList),
         None => Ok(()),
     }

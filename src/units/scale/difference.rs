@@ -7,7 +7,7 @@
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::scale::{AxisScale, Edition, Factors, Ratio};
+use super::{AxisScale, Edition, Factors, Ratio};
 use crate::coe::{Object, ObjectAddress, ReadWrite, obj};
 
 /// What is done where the declared scale of an axis contradicts its drive.
@@ -97,42 +97,6 @@ const ACCELERATION: Factor = [
     obj::ACCELERATION_FACTOR_DIVISOR,
 ];
 
-impl Factors {
-    /// The objects from which they are read.
-    pub(crate) const OBJECTS: [Factor; 7] = [
-        POSITION,
-        ENCODER,
-        GEAR,
-        FEED,
-        VELOCITY_ENCODER,
-        VELOCITY,
-        ACCELERATION,
-    ];
-
-    /// What these objects hold, in that order. A drive that has 6093h follows version 2.
-    pub(crate) fn of(held: [Option<Ratio>; 7]) -> Self {
-        let [
-            position,
-            encoder,
-            gear,
-            feed,
-            velocity_encoder,
-            velocity,
-            acceleration,
-        ] = held;
-        Self {
-            edition: position.map_or(Edition::Version3, |_| Edition::Version2),
-            encoder,
-            gear,
-            feed,
-            position,
-            velocity_encoder,
-            velocity,
-            acceleration,
-        }
-    }
-}
-
 /// What a drive says of its units.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct DriveUnits {
@@ -144,6 +108,40 @@ pub(crate) struct DriveUnits {
 }
 
 impl DriveUnits {
+    /// The objects of factors.
+    pub const FACTORS: [Factor; 7] = [
+        POSITION,
+        ENCODER,
+        GEAR,
+        FEED,
+        VELOCITY_ENCODER,
+        VELOCITY,
+        ACCELERATION,
+    ];
+
+    /// What these objects hold, in that order. A drive that has 6093h follows version 2.
+    pub fn factors(held: [Option<Ratio>; 7]) -> Factors {
+        let [
+            position,
+            encoder,
+            gear,
+            feed,
+            velocity_encoder,
+            velocity,
+            acceleration,
+        ] = held;
+        Factors {
+            edition: position.map_or(Edition::Version3, |_| Edition::Version2),
+            encoder,
+            gear,
+            feed,
+            position,
+            velocity_encoder,
+            velocity,
+            acceleration,
+        }
+    }
+
     /// What contradicts the scale of an axis, of which a revolution of the shaft is this number of its units, where that is declared.
     pub fn differences(
         &self,
@@ -151,66 +149,76 @@ impl DriveUnits {
         units_per_revolution: Option<Ratio>,
     ) -> Vec<ScaleDifference> {
         let factors = &self.factors;
-        let scale = axis.scale();
+        let scale = &axis.scale;
         let (object, turn) = factors.turn();
         let turn = compare(
             object,
             ScaleQuantity::PositionUnitsPerRevolution,
-            units_per_revolution.map(|units| Exactly(scale.position_ratio(), units)),
+            units_per_revolution.map(|units| Exactly(scale.position, units)),
             turn,
         );
         let mut found: Vec<_> = turn.into_iter().collect();
-        if axis.has_unit() {
+        if axis.unit.is_some() {
             let (object, velocity) = factors.velocity_of_position();
             found.extend(compare(
                 object,
                 ScaleQuantity::VelocityUnits,
-                Some(Exactly(
-                    scale.velocity_ratio(),
-                    scale.position_ratio().inverse(),
-                )),
+                Some(Exactly(scale.velocity, scale.position.inverse())),
                 velocity,
             ));
             found.extend(compare(
                 obj::ACCELERATION_FACTOR_NUMERATOR,
                 ScaleQuantity::AccelerationUnits,
-                Some(Exactly(
-                    scale.acceleration_ratio(),
-                    scale.velocity_ratio().inverse(),
-                )),
+                Some(Exactly(scale.acceleration, scale.velocity.inverse())),
                 factors.acceleration_of_velocity(),
             ));
         }
         let per_metre = |ratio| {
-            let metres = axis.metres()?;
+            let metres = axis.unit?.metres?;
             Some(Exactly(ratio, metres.inverse()))
         };
         found.extend(compare(
             obj::SI_UNIT_POSITION,
             ScaleQuantity::PositionUnitsPerMetre,
-            per_metre(scale.position_ratio()),
+            per_metre(scale.position),
             self.si_position
                 .and_then(|unit| si_per_metre(unit, DIMENSIONLESS)),
         ));
         found.extend(compare(
             obj::SI_UNIT_VELOCITY,
             ScaleQuantity::VelocityUnitsPerMetre,
-            per_metre(scale.velocity_ratio()),
+            per_metre(scale.velocity),
             self.si_velocity.and_then(|unit| si_per_metre(unit, SECOND)),
         ));
-        if factors.edition == Edition::Version2 {
-            // Its factors convert to increments: none of them alone makes the scale.
-            for difference in &mut found {
-                difference.factor = None;
-            }
-        }
         found
+    }
+
+    /// What is written to the drive so that it says what is expected; none where that is no factor of two numbers of 32 bits in an object
+    /// that can be written. By version 2 factors convert to increments: none of them alone makes the scale.
+    pub fn writes(
+        &self,
+        difference: &ScaleDifference,
+    ) -> Option<[(Object<u32, ReadWrite>, u32); 2]> {
+        if self.factors.edition == Edition::Version2 {
+            return None;
+        }
+        let objects = [FEED, VELOCITY, ACCELERATION];
+        let [numerator, divisor] = objects
+            .into_iter()
+            .find(|[numerator, _]| numerator.index() == difference.object.index)?;
+        let factor = difference.factor?;
+        let value = |number| u32::try_from(number).ok();
+        Some([
+            (numerator, value(factor.numerator())?),
+            (divisor, value(factor.denominator())?),
+        ])
     }
 }
 
+#[cfg(test)]
 impl ScaleDifference {
-    #[cfg(test)]
-    pub(crate) fn example() -> Self {
+    /// A feed constant that is another.
+    pub fn example() -> Self {
         Self {
             object: obj::FEED.address(),
             quantity: ScaleQuantity::PositionUnitsPerRevolution,
@@ -218,21 +226,6 @@ impl ScaleDifference {
             got: 1.0,
             factor: None,
         }
-    }
-
-    /// What is written to the drive so that it says what is expected; none where that is no factor of two numbers of 32 bits in an object
-    /// that can be written.
-    pub(crate) fn writes(&self) -> Option<[(Object<u32, ReadWrite>, u32); 2]> {
-        let objects = [FEED, VELOCITY, ACCELERATION];
-        let [numerator, divisor] = objects
-            .into_iter()
-            .find(|[numerator, _]| numerator.index() == self.object.index)?;
-        let factor = self.factor?;
-        let value = |number| u32::try_from(number).ok();
-        Some([
-            (numerator, value(factor.numerator())?),
-            (divisor, value(factor.denominator())?),
-        ])
     }
 }
 
@@ -426,7 +419,7 @@ mod tests {
         let differ = units.differences(&declared(plain), Some(ratio(7, 1)));
         let indices: Vec<_> = differ.iter().map(|one| one.object.index).collect();
         assert_eq!(indices, [0x6093, 0x6094, 0x6097]);
-        assert!(differ.iter().all(|one| one.writes().is_none()));
+        assert!(differ.iter().all(|one| units.writes(one).is_none()));
     }
 
     #[test]
@@ -464,7 +457,8 @@ mod tests {
                 ..Factors::default()
             });
             let axis = AxisScale::of::<Mm>(Scale::counts_per_unit(scale));
-            units.differences(&axis, Some(per_revolution))[0].writes()
+            let differences = units.differences(&axis, Some(per_revolution));
+            units.writes(&differences[0])
         };
         let written = feed(ratio(1 << 20, 15), ratio(5, 1)).unwrap();
         assert_eq!(written.map(|(_, value)| value), [1 << 20, 3]);
