@@ -13,6 +13,7 @@ use crate::{
     parameters::StartUpError,
     pdo_map::{ConfigureError, MappingError, MappingWrite, verify::MappingDifferences},
     sii::SiiError,
+    units::ScaleDifference,
 };
 
 /// Why a network could not be started, or a device of it not be recovered.
@@ -398,6 +399,17 @@ pub enum DriveFault {
     NoTurn {
         /// The axis' name.
         axis: String,
+    },
+    /// The declared scale of an axis and what its drive says of its units contradict each other.
+    #[error(
+        "the scale of axis {axis} and the drive disagree, {difference}: correct one of them, or choose with `AxisConfig::scale_mismatch` \
+         that it is written or only logged"
+    )]
+    Scale {
+        /// The axis' name.
+        axis: String,
+        /// Which object, what is expected of it, and what the drive says.
+        difference: ScaleDifference,
     },
     /// It did not change its AL state.
     #[error(transparent)]

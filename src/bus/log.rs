@@ -35,7 +35,7 @@ use crate::{
     coe::{DriveId, MailboxRecord, ObjectAddress},
     ds402::{Controlword, State, Statusword},
     log_target::{AXIS, BUS, DRIVE},
-    units::AxisScale,
+    units::{AxisScale, ScaleDifference},
     wakes::WakeStatistics,
 };
 
@@ -183,6 +183,11 @@ pub(super) enum LogRecord {
     NoAbortConnection {
         axis: String,
     },
+    /// The scale of an axis and its drive contradict each other, which the program accepts.
+    ScaleDiffers {
+        axis: String,
+        difference: ScaleDifference,
+    },
     /// The working counter of a datagram stays wrong.
     Miscounted(Arc<Miscounted>),
     /// A waker of the program holds up the others, or has panicked.
@@ -273,6 +278,7 @@ impl LogRecord {
             | Self::NotRecovered(..)
             | Self::KeepsSyncType { .. }
             | Self::NoAbortConnection { .. }
+            | Self::ScaleDiffers { .. }
             | Self::EepromForced(_)
             | Self::Unfed
             | Self::Clock(..)
@@ -350,6 +356,14 @@ impl LogRecord {
                     axis,
                     ?at,
                     "no object 6007h: the drive alone decides what it does when the process data stop"
+                );
+            }
+            Self::ScaleDiffers { axis, difference } => {
+                tracing::warn!(
+                    target: DRIVE,
+                    axis,
+                    ?at,
+                    "the scale of the axis and the drive disagree, {difference}"
                 );
             }
             Self::Miscounted(miscounted) => tracing::warn!(target: BUS, ?at, "{miscounted}"),
@@ -724,6 +738,10 @@ mod tests {
                 value: 1,
             },
             LogRecord::NoAbortConnection { axis: "z".into() },
+            LogRecord::ScaleDiffers {
+                axis: "z".into(),
+                difference: ScaleDifference::example(),
+            },
             LogRecord::Miscounted(Arc::new(miscounted)),
         ]);
         seen();

@@ -16,7 +16,7 @@ use crate::{
     },
     ds402::{Controlword, Mode, State},
     profile_position::{Limits, PositionRange},
-    units::{AxisUnit, Counts, Edition, Factors, Ratio, Scale, ScaleError, Unit},
+    units::{AxisUnit, Counts, DriveUnits, Factors, Ratio, Scale, ScaleError, Unit},
 };
 
 use super::{
@@ -787,49 +787,16 @@ impl<U: AxisUnit> Axis<U> {
     }
 
     /// Reads the factor objects 608Fh, 6091h, 6092h, 6096h and 6097h of this axis by SDO, and 6093h and 6094h of older drives. A
-    /// drive that has 6093h is taken to follow [`Edition::Version2`]. Objects that the drive does not have are left out.
+    /// drive that has 6093h is taken to follow [`Edition::Version2`](crate::units::Edition::Version2). Objects that the drive does not have are left out.
     ///
     /// # Errors
     /// [`AxisErrorKind::Sdo`] if an object could not be read, [`ScaleError::ZeroFactor`] if one is 0.
     pub async fn factors(&self) -> Result<Factors, AxisError> {
-        let position = self
-            .factor(obj::POSITION_FACTOR_NUMERATOR, obj::POSITION_FACTOR_DIVISOR)
-            .await?;
-        let edition = if position.is_some() {
-            Edition::Version2
-        } else {
-            Edition::Version3
-        };
-        Ok(Factors {
-            edition,
-            encoder: self
-                .factor(obj::ENCODER_INCREMENTS, obj::ENCODER_REVOLUTIONS)
-                .await?,
-            gear: self
-                .factor(obj::GEAR_MOTOR_REVOLUTIONS, obj::GEAR_SHAFT_REVOLUTIONS)
-                .await?,
-            feed: self.factor(obj::FEED, obj::FEED_SHAFT_REVOLUTIONS).await?,
-            position,
-            velocity_encoder: match edition {
-                Edition::Version2 => {
-                    self.factor(
-                        obj::VELOCITY_ENCODER_FACTOR_NUMERATOR,
-                        obj::VELOCITY_ENCODER_FACTOR_DIVISOR,
-                    )
-                    .await?
-                }
-                Edition::Version3 => None,
-            },
-            velocity: self
-                .factor(obj::VELOCITY_FACTOR_NUMERATOR, obj::VELOCITY_FACTOR_DIVISOR)
-                .await?,
-            acceleration: self
-                .factor(
-                    obj::ACCELERATION_FACTOR_NUMERATOR,
-                    obj::ACCELERATION_FACTOR_DIVISOR,
-                )
-                .await?,
-        })
+        let mut held = [None; DriveUnits::FACTORS.len()];
+        for (held, [numerator, divisor]) in held.iter_mut().zip(DriveUnits::FACTORS) {
+            *held = self.factor(numerator, divisor).await?;
+        }
+        Ok(DriveUnits::factors(held))
     }
 
     async fn factor(

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::set::{Differences, Parameter, ParameterSet, Progress, is_parameter, read};
-use super::start_up::{WriteFault, of_first_axis, write_value};
+use super::start_up::{StartUpLines, WriteFault, of_first_axis, write_value};
 use crate::coe::{
     DriveError, DriveId, Object, ObjectAddress, ReadWrite, SdoError, SdoHandle, TransferKind, obj,
 };
@@ -84,7 +84,7 @@ impl From<GuardFault> for RestoreFault {
 }
 
 impl ParameterSet {
-    /// Writes the set to a drive, in order. What holds its value already is left alone; what is written is read back, and all
+    /// Writes the set to a drive, in order, but scaling first as [`StartUpList`](super::StartUpList) says. What holds its value already is left alone; what is written is read back, and all
     /// is compared once more at the end.
     ///
     /// 6007h of each axis is left as it is: every start sets it to a value that stops the axis when the program dies.
@@ -101,13 +101,15 @@ impl ParameterSet {
     ) -> Result<Restored, RestoreError> {
         let mut done = Restored::default();
         let all = self.parameters.len();
+        let parameters = self.parameters.iter().collect();
+        let ordered = StartUpLines::split_at_scaling(parameters, |parameter| parameter.object);
+        let ordered = ordered.concat();
         let error = |fault, done: &Restored, at: usize, unconfirmed| RestoreError {
             drive: sdo.drive().clone(),
             fault,
             done: done.clone(),
             unconfirmed,
-            not_written: self
-                .parameters
+            not_written: ordered
                 .iter()
                 .skip(at)
                 .map(|parameter| parameter.object)
@@ -119,7 +121,7 @@ impl ParameterSet {
         let guard = Guard::of(sdo)
             .await
             .map_err(|fault| error(fault.into(), &done, 0, None))?;
-        for (place, parameter) in self.parameters.iter().enumerate() {
+        for (place, parameter) in ordered.iter().copied().enumerate() {
             progress.tell(place, all);
             let object = parameter.object;
             if is_of_start(object) {
@@ -206,6 +208,7 @@ const fn leaves_unconfirmed(fault: &WriteFault) -> bool {
         | WriteFault::Mode
         | WriteFault::Target
         | WriteFault::Output
+        | WriteFault::LateScaling
         | WriteFault::Brake
         | WriteFault::Statusword => false,
     }

@@ -112,7 +112,12 @@ impl StartUpWrite {
     }
 }
 
-/// What is written to a drive on its way to OP, in order.
+/// What is written to a drive on its way to OP, in order, but scaling first.
+///
+/// A scale factor decides what the numbers in other objects mean. Lines that write one (607Eh, 6089h to 6097h, 60A8h to 60AAh,
+/// 60E6h to 60EEh, of any axis) therefore go out before all lines for other objects of the profile (6000h to 9FFFh), in whatever
+/// order they are declared. All else keeps its place: objects of the maker and of the communication, and lines of one kind among
+/// themselves. Scaling objects of the maker are not known as such: declare them before what they scale.
 ///
 /// Built in code, or read from a file by [`StartUpList::load`](StartUpList::load).
 ///
@@ -145,7 +150,7 @@ impl StartUpList {
         self
     }
 
-    /// Writes the lines of one transition to a drive, in order, up to the first that fails. A list with a line that no start-up list may
+    /// Writes the lines of one transition to a drive, scaling first, up to the first that fails. A list with a line that no start-up list may
     /// have (6040h, 6041h, 6060h, or a target: 6042h, 6071h, 607Ah, 60FFh, of any axis) is refused as a whole.
     ///
     /// A [`Network`](crate::Network) does this by itself with the lists of its
@@ -154,73 +159,14 @@ impl StartUpList {
     /// # Errors
     /// [`StartUpError`]: which line failed and how; those before it have been written.
     pub async fn apply(&self, sdo: &SdoHandle, transition: Transition) -> Result<(), StartUpError> {
-        if let Some(mistake) = self.mistake() {
+        let lists = core::slice::from_ref(self);
+        if let Some(mistake) = StartUpLines::all(lists).mistake() {
             return Err(mistake);
         }
-        for (place, write) in self.writes.iter().enumerate() {
-            if write.transition != transition {
-                continue;
-            }
-            write_value(sdo, write.object, &write.value, write.verify)
-                .await
-                .map_err(|fault| self.error(place, write, fault))?;
+        for lines in StartUpLines::of(lists, transition).scaling_first() {
+            lines.write(sdo).await?;
         }
         Ok(())
-    }
-
-    /// The first line that a start-up list must not have. The controlword could switch an axis on before anything watches
-    /// it; a mode or a target that it holds then could move it; the statusword can only be read.
-    pub(crate) fn mistake(&self) -> Option<StartUpError> {
-        let mut lines = self.writes.iter().enumerate();
-        lines.find_map(|(place, write)| {
-            let fault = match of_first_axis(write.object)? {
-                0x6040 => WriteFault::Controlword,
-                0x6041 => WriteFault::Statusword,
-                0x6060 => WriteFault::Mode,
-                // Velocity, torque, position, and the velocity of mode 3.
-                0x6042 | 0x6071 | 0x607A | 0x60FF => WriteFault::Target,
-                _ => return None,
-            };
-            Some(self.error(place, write, fault))
-        })
-    }
-
-    /// The first line of SAFEOP that the process data overwrite in OP.
-    pub(crate) fn overwritten(
-        &self,
-        is_output: impl Fn(ObjectAddress) -> bool,
-    ) -> Option<StartUpError> {
-        let mut lines = self.writes.iter().enumerate();
-        let (place, write) = lines.find(|(_, write)| {
-            write.transition == Transition::SafeOpToOp && is_output(write.object)
-        })?;
-        Some(self.error(place, write, WriteFault::Output))
-    }
-
-    /// The first line that would open a brake which goes with the process data: nobody has enabled the axis then.
-    pub(crate) fn opens_brake(
-        &self,
-        is_output: impl Fn(ObjectAddress) -> bool,
-    ) -> Option<StartUpError> {
-        let mut lines = self.writes.iter().enumerate();
-        let (place, write) = lines.find(|(_, write)| {
-            let is_set = write
-                .value
-                .encode()
-                .first()
-                .is_some_and(|byte| byte & 1 != 0);
-            is_brake(write.object) && !is_set && is_output(write.object)
-        })?;
-        Some(self.error(place, write, WriteFault::Brake))
-    }
-
-    /// What an object holds before the mapping by its last line.
-    pub(crate) fn value_of(&self, object: ObjectAddress) -> Option<Vec<u8>> {
-        let mut lines = self.writes.iter().rev();
-        let line = lines.find(|write| {
-            write.object == object && write.transition == Transition::PreOpToSafeOp
-        })?;
-        Some(line.value.encode())
     }
 
     fn error(&self, place: usize, write: &StartUpWrite, fault: WriteFault) -> StartUpError {
@@ -242,16 +188,157 @@ impl From<StartUpWrite> for StartUpList {
     }
 }
 
+/// Lines of one or more lists, in the order in which they go out.
+pub(crate) struct StartUpLines<'a>(Vec<StartUpLine<'a>>);
+
+#[derive(Clone, Copy)]
+struct StartUpLine<'a> {
+    list: &'a StartUpList,
+    /// In its list, from 0.
+    place: usize,
+    write: &'a StartUpWrite,
+}
+
+impl<'a> StartUpLines<'a> {
+    /// As they are declared.
+    pub fn all(lists: &'a [StartUpList]) -> Self {
+        let lines = lists.iter().flat_map(|list| {
+            let writes = list.writes.iter().enumerate();
+            writes.map(move |(place, write)| StartUpLine { list, place, write })
+        });
+        Self(lines.collect())
+    }
+
+    /// Those of one transition.
+    pub fn of(lists: &'a [StartUpList], transition: Transition) -> Self {
+        let mut lines = Self::all(lists);
+        lines.0.retain(|line| line.write.transition == transition);
+        lines
+    }
+
+    /// In two parts, of which the first has the scaling.
+    pub fn scaling_first(self) -> [Self; 2] {
+        Self::split_at_scaling(self.0, |line| line.write.object).map(Self)
+    }
+
+    /// All up to the last scaling object, but other objects of the profile; and then these, and the rest. What has no need to move keeps
+    /// its order: a maker's object may unlock the scaling, and a command may load or store what was written before it.
+    pub fn split_at_scaling<T>(
+        writes: Vec<T>,
+        object: impl Fn(&T) -> ObjectAddress,
+    ) -> [Vec<T>; 2] {
+        let last = writes.iter().rposition(|write| is_scaling(object(write)));
+        let until = last.map_or(0, |last| last + 1);
+        let (mut first, mut then) = (Vec::new(), Vec::new());
+        for (place, write) in writes.into_iter().enumerate() {
+            let address = object(&write);
+            let is_scaled = on_first_axis(address).is_some() && !is_scaling(address);
+            if place < until && !is_scaled {
+                first.push(write);
+            } else {
+                then.push(write);
+            }
+        }
+        [first, then]
+    }
+
+    pub async fn write(&self, sdo: &SdoHandle) -> Result<(), StartUpError> {
+        for line in &self.0 {
+            let StartUpWrite {
+                object,
+                value,
+                verify,
+                ..
+            } = line.write;
+            write_value(sdo, *object, value, *verify)
+                .await
+                .map_err(|fault| line.error(fault))?;
+        }
+        Ok(())
+    }
+
+    /// The first line that a start-up list must not have. The controlword could switch an axis on before anything watches
+    /// it; a mode or a target that it holds then could move it; the statusword can only be read.
+    pub fn mistake(&self) -> Option<StartUpError> {
+        self.0.iter().find_map(|line| {
+            let fault = match of_first_axis(line.write.object)? {
+                0x6040 => WriteFault::Controlword,
+                0x6041 => WriteFault::Statusword,
+                0x6060 => WriteFault::Mode,
+                // Velocity, torque, position, and the velocity of mode 3.
+                0x6042 | 0x6071 | 0x607A | 0x60FF => WriteFault::Target,
+                _ => return None,
+            };
+            Some(line.error(fault))
+        })
+    }
+
+    /// The first line of SAFEOP that changes what numbers mean which have been read and written in PREOP.
+    pub fn late_scaling(&self) -> Option<StartUpError> {
+        let mut lines = self.0.iter();
+        let line = lines.find(|line| line.is_late() && is_scaling(line.write.object))?;
+        Some(line.error(WriteFault::LateScaling))
+    }
+
+    /// The first line of SAFEOP that the process data overwrite in OP.
+    pub fn overwritten(&self, is_output: impl Fn(ObjectAddress) -> bool) -> Option<StartUpError> {
+        let mut lines = self.0.iter();
+        let line = lines.find(|line| line.is_late() && is_output(line.write.object))?;
+        Some(line.error(WriteFault::Output))
+    }
+
+    /// The first line that would open a brake which goes with the process data: nobody has enabled the axis then.
+    pub fn opens_brake(&self, is_output: impl Fn(ObjectAddress) -> bool) -> Option<StartUpError> {
+        let mut lines = self.0.iter();
+        let line = lines.find(|line| {
+            let StartUpWrite { object, value, .. } = line.write;
+            let is_set = value.encode().first().is_some_and(|byte| byte & 1 != 0);
+            is_brake(*object) && !is_set && is_output(*object)
+        })?;
+        Some(line.error(WriteFault::Brake))
+    }
+
+    /// What an object holds by its last line.
+    pub fn value_of(&self, object: ObjectAddress) -> Option<Vec<u8>> {
+        let mut lines = self.0.iter().rev();
+        let line = lines.find(|line| line.write.object == object)?;
+        Some(line.write.value.encode())
+    }
+}
+
+impl StartUpLine<'_> {
+    fn is_late(&self) -> bool {
+        self.write.transition == Transition::SafeOpToOp
+    }
+
+    fn error(&self, fault: WriteFault) -> StartUpError {
+        self.list.error(self.place, self.write, fault)
+    }
+}
+
+/// Whether an object decides what the numbers of others mean: polarity; the factors and dimensions of CiA 402 and DSP 402; the SI
+/// units; the factors of further encoders.
+fn is_scaling(object: ObjectAddress) -> bool {
+    matches!(
+        on_first_axis(object),
+        Some(0x607E | 0x6089..=0x6097 | 0x60A8..=0x60AA | 0x60E6..=0x60EE)
+    )
+}
+
+/// The index that an object of the profile has on the first axis.
+fn on_first_axis(object: ObjectAddress) -> Option<u16> {
+    let is_profile = (0x6000..0xA000).contains(&object.index);
+    is_profile.then(|| 0x6000 + (object.index - 0x6000) % 0x0800)
+}
+
 /// The index that a variable of the profile has on the first axis.
 pub(super) fn of_first_axis(object: ObjectAddress) -> Option<u16> {
-    let is_profile = (0x6000..0xA000).contains(&object.index) && object.subindex == 0;
-    is_profile.then(|| 0x6000 + (object.index - 0x6000) % 0x0800)
+    on_first_axis(object).filter(|_| object.subindex == 0)
 }
 
 /// Whether bit 0 of the object is a brake: 60FEh:1 of any axis (CiA 402, "set brake").
 pub(crate) fn is_brake(object: ObjectAddress) -> bool {
-    let is_profile = (0x6000..0xA000).contains(&object.index) && object.subindex == 1;
-    is_profile && (object.index - 0x6000) % 0x0800 == 0x00FE
+    on_first_axis(object) == Some(0x60FE) && object.subindex == 1
 }
 
 /// A line of a start-up list that could not be written.
@@ -329,6 +416,11 @@ pub enum WriteFault {
         "the process data overwrite this object in OP: write it at PREOP-SAFEOP, and it goes out until the program sets it by its handle"
     )]
     Output,
+    /// It is a scale factor, and written in SAFEOP.
+    #[error(
+        "it changes what numbers mean that were read and written in PREOP: write it at PREOP-SAFEOP"
+    )]
+    LateScaling,
     /// It opens the brake of an axis that nobody has enabled: bit 0 of a mapped 60FEh:1 is 0.
     #[error(
         "bit 0 is 0, which opens the brake before anybody has enabled the axis: write it as 1; the program opens the brake by its handle"

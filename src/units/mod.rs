@@ -6,6 +6,10 @@
 mod scale;
 
 pub use scale::Ratio;
+#[cfg(feature = "std")]
+pub(crate) use scale::difference::DriveUnits;
+#[cfg(feature = "std")]
+pub use scale::difference::{ScaleDifference, ScaleMismatch, ScaleQuantity};
 #[cfg(test)]
 pub(crate) use scale::example;
 pub use scale::{AxisNumber, AxisScale, AxisUnit, Counts, Degree, Mm, Unit};

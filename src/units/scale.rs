@@ -1,5 +1,8 @@
 //! A program's units and the drive's counts, both ways.
 
+#[cfg(feature = "std")]
+pub mod difference;
+
 use core::{any::TypeId, fmt};
 
 use crate::coe::ObjectAddress;
@@ -333,6 +336,9 @@ pub fn example() -> Scale {
 pub trait Unit: Copy + fmt::Debug + PartialEq + Send + Sync + Unpin + 'static {
     /// What stands behind a number in a text, such as "mm".
     const NAME: &'static str;
+
+    /// How many metres one is, if it is a length: then the scale is compared with what a drive says in 60A8h and 60A9h.
+    const METRES: Option<Ratio> = None;
 }
 
 /// Millimetres.
@@ -341,6 +347,7 @@ pub struct Mm;
 
 impl Unit for Mm {
     const NAME: &'static str = "mm";
+    const METRES: Option<Ratio> = Some(Ratio::ONE_THOUSANDTH);
 }
 
 /// Degrees.
@@ -432,8 +439,15 @@ mod sealed {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AxisScale {
     /// None of an axis in counts.
-    unit: Option<(TypeId, &'static str)>,
+    unit: Option<DeclaredUnit>,
     scale: Scale,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct DeclaredUnit {
+    id: TypeId,
+    name: &'static str,
+    metres: Option<Ratio>,
 }
 
 impl AxisScale {
@@ -447,7 +461,11 @@ impl AxisScale {
     #[must_use]
     pub fn of<U: Unit>(scale: Scale) -> Self {
         Self {
-            unit: Some((TypeId::of::<U>(), U::NAME)),
+            unit: Some(DeclaredUnit {
+                id: TypeId::of::<U>(),
+                name: U::NAME,
+                metres: U::METRES,
+            }),
             scale,
         }
     }
@@ -455,7 +473,7 @@ impl AxisScale {
     /// The unit's name.
     #[must_use]
     pub fn unit(&self) -> &'static str {
-        self.unit.map_or(Counts::NAME, |(_, name)| name)
+        self.unit.map_or(Counts::NAME, |unit| unit.name)
     }
 
     /// The scale.
@@ -467,7 +485,7 @@ impl AxisScale {
     /// Whether this is that unit.
     #[must_use]
     pub fn is_in<U: AxisUnit>(&self) -> bool {
-        let id = self.unit.map_or(TypeId::of::<Counts>(), |(id, _)| id);
+        let id = self.unit.map_or(TypeId::of::<Counts>(), |unit| unit.id);
         id == TypeId::of::<U>()
     }
 }
@@ -517,6 +535,11 @@ impl Ratio {
     pub const ONE: Self = Self {
         numerator: 1,
         denominator: 1,
+    };
+    /// One to a thousand.
+    const ONE_THOUSANDTH: Self = Self {
+        numerator: 1,
+        denominator: 1000,
     };
 
     /// `numerator` to `denominator`, in lowest terms.

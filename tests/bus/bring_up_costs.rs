@@ -121,10 +121,10 @@ fn of_the_sii_nothing_is_read_that_configuration_does_not_need() {
 
 /// An SDO request that the first drive took: whether it writes, the object, and the drive's AL state then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Asked {
-    writes: bool,
-    index: u16,
-    subindex: u8,
+pub(crate) struct Asked {
+    pub(crate) writes: bool,
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
     state: AlState,
 }
 
@@ -132,7 +132,7 @@ struct Asked {
 const MAILBOX_OF_DRIVE: u16 = 0x1800;
 
 /// A wire that notes all SDO requests to the first drive which begin a transfer.
-fn asking_wire(line: &Line) -> (Wire, Arc<Mutex<Vec<Asked>>>) {
+pub(crate) fn asking_wire(line: &Line) -> (Wire, Arc<Mutex<Vec<Asked>>>) {
     let asked = Arc::new(Mutex::new(Vec::new()));
     let (noted, shared) = (Arc::clone(&asked), line.0.clone());
     let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame: &mut [u8], now| {

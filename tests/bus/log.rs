@@ -23,7 +23,7 @@ thread_local! {
 ///
 /// One subscriber serves all tests: subscribers that come and go with their threads make `tracing` forget, now and then,
 /// that somebody listens.
-struct Log;
+pub(crate) struct Log;
 
 impl io::Write for Log {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
@@ -38,7 +38,7 @@ impl io::Write for Log {
 
 impl Log {
     /// Forgets what this thread has logged so far.
-    fn begin() -> Self {
+    pub(crate) fn begin() -> Self {
         static SUBSCRIBED: Once = Once::new();
         SUBSCRIBED.call_once(|| {
             let subscriber = tracing_subscriber::fmt()
@@ -54,7 +54,7 @@ impl Log {
     }
 
     /// The lines since this was asked for last.
-    fn take(&self) -> Vec<String> {
+    pub(crate) fn take(&self) -> Vec<String> {
         let bytes = LINES.take();
         let text = String::from_utf8(bytes).unwrap();
         text.lines().map(str::to_owned).collect()
@@ -62,7 +62,7 @@ impl Log {
 }
 
 /// How many of the lines have all of these parts.
-fn count(lines: &[String], parts: &[&str]) -> usize {
+pub(crate) fn count(lines: &[String], parts: &[&str]) -> usize {
     lines
         .iter()
         .filter(|line| parts.iter().all(|part| line.contains(part)))

@@ -36,6 +36,7 @@ mod refused;
 mod rest;
 mod rig;
 mod scale;
+mod scaling;
 mod scan;
 mod scenario;
 mod sdo;

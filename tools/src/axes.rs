@@ -160,9 +160,10 @@ impl Drives {
         sdo: Option<&SdoHandle>,
         config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
     ) {
-        for (number, Axis { name, units }) in (1..).zip(named) {
+        for (number, axis) in (1..).zip(named) {
             let velocity = obj::TARGET_VELOCITY.offset(AxisOffset::of_axis(number));
-            let declared = units.declare(AxisConfig::new(&name));
+            let declared = axis.declare();
+            let Axis { name, units, .. } = axis;
             let axis = FoundAxis {
                 jogs: match sdo {
                     Some(sdo) => sdo.read(velocity).await.is_ok(),

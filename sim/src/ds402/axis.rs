@@ -4,7 +4,7 @@
 use core::time::Duration;
 use std::collections::VecDeque;
 
-use super::behaviour::Behaviour;
+use super::behaviour::{Behaviour, FactorChange};
 use super::buffer::Buffer;
 use super::emergency::{self, Emergency};
 use super::hanging::HoldingBrake;
@@ -203,7 +203,13 @@ impl Axis {
     /// [`SetError::Unknown`] where there is no such entry, [`SetError::ReadOnly`], and [`SetError::OutOfRange`] for a
     /// value outside the type or the object's range; the old value stays.
     pub fn set(&mut self, index: u16, subindex: u8, value: i64) -> Result<(), SetError> {
-        self.objects.set((index, subindex), value)
+        let converts = self.behaviour.factor_change == FactorChange::Numbers;
+        let before = converts.then(|| self.objects.unit_sizes());
+        self.objects.set((index, subindex), value)?;
+        if let Some(before) = before {
+            self.convert_from(before);
+        }
+        Ok(())
     }
 
     /// Gives an object its value at power-up, also where it can only be read; a value outside its range leaves its own.

@@ -116,6 +116,17 @@ pub enum HomeOffset {
     ZeroBeyondHome,
 }
 
+/// What a scale factor (608Fh to 6097h) that is written changes. The AKD2G's page says that factors "affect the values of the motion
+/// setpoint objects and should be set prior to" these, which can be read both ways.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FactorChange {
+    /// What the numbers in other objects mean.
+    Meaning,
+    /// The numbers: positions, velocities and accelerations are kept in the drive's own units, and read and written through the factors. A
+    /// value at an end of its object's range stays there: it bounds nothing.
+    Numbers,
+}
+
 /// What a limit switch does outside of homing when the axis runs into it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LimitSwitches {
@@ -217,6 +228,8 @@ pub struct Behaviour {
     pub homing_method_refused_at_write: bool,
     /// What the home position reads after homing.
     pub home_offset: HomeOffset,
+    /// A scale factor that is written.
+    pub factor_change: FactorChange,
     /// Limit switches outside of homing.
     pub limit_switches: LimitSwitches,
     /// How the shaft follows the demand, and what the drive measures of it.

@@ -51,8 +51,9 @@ mod velocity;
 
 pub use axis::{AckFault, Axis, Disturbances};
 pub use behaviour::{
-    AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, HOMING_METHODS, HomeOffset,
-    LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase, WhileMoving,
+    AckPolicy, Behaviour, Bit5, FactorChange, FollowingError, FullBuffer, HOMING_METHODS,
+    HomeOffset, LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase,
+    WhileMoving,
 };
 pub use emergency::Emergency;
 pub use ledger::{

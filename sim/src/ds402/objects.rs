@@ -151,7 +151,7 @@ impl Entry {
         self
     }
 
-    fn address(&self) -> Address {
+    pub(super) fn address(&self) -> Address {
         (self.index, self.subindex)
     }
 }

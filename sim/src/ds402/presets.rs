@@ -4,8 +4,9 @@
 use core::time::Duration;
 
 use super::behaviour::{
-    AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, HOMING_METHODS, HomeOffset,
-    LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase, WhileMoving,
+    AckPolicy, Behaviour, Bit5, FactorChange, FollowingError, FullBuffer, HOMING_METHODS,
+    HomeOffset, LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase,
+    WhileMoving,
 };
 use super::entries::factor;
 use super::machine::Machine;
@@ -106,6 +107,7 @@ impl Behaviour {
             homing_methods: &HOMING_METHODS,
             homing_method_refused_at_write: false,
             home_offset: HomeOffset::HomeReadsOffset,
+            factor_change: FactorChange::Meaning,
             limit_switches: LimitSwitches::Shown,
             plant: Plant::default(),
             machine: Machine::default(),

@@ -6,7 +6,68 @@ use super::axis::Axis;
 use super::entries::TURN;
 use super::objects::{self, Address, Objects};
 
+/// Encoder increments of one unit of position, increments/s of one of velocity, increments/s² of one of acceleration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct UnitSizes {
+    position: f64,
+    velocity: f64,
+    acceleration: f64,
+}
+
+const POSITIONS: [Address; 8] = [
+    objects::FOLLOWING_WINDOW,
+    objects::POSITION_WINDOW,
+    objects::TARGET_POSITION,
+    objects::RANGE_MIN,
+    objects::RANGE_MAX,
+    objects::HOME_OFFSET,
+    objects::LIMIT_MIN,
+    objects::LIMIT_MAX,
+];
+const VELOCITIES: [Address; 8] = [
+    objects::VELOCITY_WINDOW,
+    objects::VELOCITY_THRESHOLD,
+    objects::MAX_PROFILE_VELOCITY,
+    objects::PROFILE_VELOCITY,
+    objects::END_VELOCITY,
+    objects::HOMING_SPEED_SWITCH,
+    objects::HOMING_SPEED_ZERO,
+    objects::TARGET_VELOCITY,
+];
+const ACCELERATIONS: [Address; 6] = [
+    objects::PROFILE_ACCELERATION,
+    objects::PROFILE_DECELERATION,
+    objects::QUICK_STOP_DECELERATION,
+    objects::HOMING_ACCELERATION,
+    objects::MAX_ACCELERATION,
+    objects::MAX_DECELERATION,
+];
+
 impl Objects {
+    pub(super) fn unit_sizes(&self) -> UnitSizes {
+        let encoder = self.ratio(objects::ENCODER_INCREMENTS, objects::ENCODER_REVOLUTIONS);
+        let gear = self.ratio(objects::GEAR_MOTOR, objects::GEAR_SHAFT);
+        let feed = self.ratio(objects::FEED, objects::FEED_SHAFT);
+        let position = encoder * gear / feed * self.increments();
+        UnitSizes {
+            position,
+            velocity: position * self.velocity_unit(),
+            acceleration: position * self.acceleration_unit(),
+        }
+    }
+
+    fn convert(&mut self, address: Address, times: f64) {
+        let Some(entry) = self.entries().iter().find(|one| one.address() == address) else {
+            return;
+        };
+        let (min, max) = (entry.min, entry.max);
+        let value = self.value(address);
+        if value != min && value != max {
+            let converted = (value as f64 * times).round() as i64;
+            self.put(address, converted.clamp(min, max));
+        }
+    }
+
     /// Counts/s of one unit of velocity. 6096h says how many units one count/s is (IEC 61800-7-201); DSP 402 v2 gives
     /// increments in 6093h for a position unit and in 6094h for a velocity unit.
     fn velocity_unit(&self) -> f64 {
@@ -89,6 +150,28 @@ impl Objects {
 }
 
 impl Axis {
+    /// Shows what the drive holds in the units of its factors as they are now. An axis without power stands where it stood; what is fixed to
+    /// its machine stays in counts.
+    pub(super) fn convert_from(&mut self, before: UnitSizes) {
+        let now = self.objects.unit_sizes();
+        if now == before {
+            return;
+        }
+        let times = before.position / now.position;
+        for address in POSITIONS {
+            self.objects.convert(address, times);
+        }
+        for address in VELOCITIES {
+            let times = before.velocity / now.velocity;
+            self.objects.convert(address, times);
+        }
+        for address in ACCELERATIONS {
+            let times = before.acceleration / now.acceleration;
+            self.objects.convert(address, times);
+        }
+        self.place((self.position() as f64 * times).round() as i64);
+    }
+
     /// A position of the axis as the master counts it, or one of the master's as the axis counts it: bit 7 of 607Eh
     /// turns the sign.
     pub(super) fn turned(&self, position: i64) -> i64 {

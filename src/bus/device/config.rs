@@ -9,10 +9,10 @@ use crate::{
     coe::{AnyObject, DriveId},
     drives::{DriveDescription, FurtherObject},
     ds402::Mode,
-    parameters::StartUpList,
+    parameters::{StartUpLines, StartUpList},
     pdo_map::{Direction, Layout, Mapping, MappingError},
     profile_position::{Limits, PositionRange},
-    units::{AxisScale, Scale, Unit},
+    units::{AxisScale, Ratio, Scale, ScaleMismatch, Unit},
 };
 
 /// A drive of the line: what it is, its axes, and what is to be configured.
@@ -52,6 +52,8 @@ pub struct AxisConfig {
     pub(in crate::bus) loss: Option<Loss>,
     pub(in crate::bus) mode: Mode,
     pub(in crate::bus) scale: AxisScale,
+    pub(in crate::bus) units_per_revolution: Option<Ratio>,
+    pub(in crate::bus) scale_mismatch: ScaleMismatch,
     pub(in crate::bus) referencing: Referencing,
     pub(in crate::bus) limits: Option<Limits>,
     pub(in crate::bus) modulo: Option<Turn>,
@@ -149,7 +151,8 @@ impl DriveConfig {
     }
 
     /// Writes this start-up list, or a single line of one, at its transitions: those of PREOP before the PDO mapping. Several
-    /// lists are written in the order of the calls.
+    /// lists are written in the order of the calls, but scaling first, as [`StartUpList`] says, across all of them. A scaling line at
+    /// SAFEOP-OP is a mistake, which `start()` reports.
     #[must_use]
     pub fn start_up(mut self, list: impl Into<StartUpList>) -> Self {
         self.start_up.push(list.into());
@@ -178,7 +181,8 @@ impl DriveConfig {
         if let Some(mistake) = self.mistakes.first() {
             return Some(mistake.clone());
         }
-        if let Some(mistake) = self.start_up.iter().find_map(StartUpList::mistake) {
+        let lines = StartUpLines::all(&self.start_up);
+        if let Some(mistake) = lines.mistake().or_else(|| lines.late_scaling()) {
             return Some(format!("start-up list: {mistake}"));
         }
         if let Some(mistake) = self.axes.iter().find_map(AxisConfig::mistake) {
@@ -243,6 +247,8 @@ impl AxisConfig {
             loss: None,
             mode: Mode::ProfilePosition,
             scale: AxisScale::COUNTS,
+            units_per_revolution: None,
+            scale_mismatch: ScaleMismatch::default(),
             referencing: Referencing::default(),
             limits: None,
             modulo: None,
@@ -284,10 +290,37 @@ impl AxisConfig {
     }
 
     /// It counts in this unit: [`Network::axis_in`](crate::Network::axis_in) gives its handle. Without it it counts in the drive's
-    /// own units.
+    /// own units. At every start and recovery the scale is compared with what the drive says of its velocities and accelerations (6096h,
+    /// 6097h) and, if the unit is a length, of its SI units (60A8h, 60A9h): see [`scale_mismatch`](Self::scale_mismatch).
     #[must_use]
     pub fn unit<U: Unit>(mut self, scale: Scale) -> Self {
         self.scale = AxisScale::of::<U>(scale);
+        self
+    }
+
+    /// One revolution of the drive's shaft, behind the gear 6091h, moves the axis by this number of its units: 5 for a spindle of 5 mm.
+    /// Only the program knows that. With it, the scale is also compared with the feed constant 6092h (of older drives with 6093h).
+    #[must_use]
+    pub const fn units_per_revolution(mut self, units: Ratio) -> Self {
+        self.units_per_revolution = Some(units);
+        self
+    }
+
+    /// What is done where the declared scale contradicts the drive; [`ScaleMismatch::Refuse`] if not said. An object that the drive
+    /// does not have, or in which it holds 0, contradicts nothing.
+    ///
+    /// ```
+    /// use servocrab::{AxisConfig, units::{Mm, Ratio, Scale, ScaleMismatch}};
+    /// // The drive is to count micrometres of a spindle of 5 mm: 6092h is written as 5000 where it holds something else.
+    /// let slide = AxisConfig::new("x")
+    ///     .unit::<Mm>(Scale::counts_per_unit(Ratio::new(1000, 1)?))
+    ///     .units_per_revolution(Ratio::new(5, 1)?)
+    ///     .scale_mismatch(ScaleMismatch::Write);
+    /// # Ok::<(), servocrab::units::ScaleError>(())
+    /// ```
+    #[must_use]
+    pub const fn scale_mismatch(mut self, mismatch: ScaleMismatch) -> Self {
+        self.scale_mismatch = mismatch;
         self
     }
 

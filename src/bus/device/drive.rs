@@ -21,7 +21,7 @@ use crate::{
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
     pdo_map::{Direction, Layout, Mapping},
     profile_position::{Limits, PositionRange, RelativeBase},
-    units::AxisScale,
+    units::{AxisScale, DriveUnits, Ratio, ScaleMismatch},
 };
 
 /// What a drive has beside what every device has.
@@ -140,6 +140,51 @@ impl Drive {
         Ok(())
     }
 
+    /// In PREOP, before anything that is counted in their units: factors as the scales of its axes say, where the program wants that.
+    pub async fn write_scales(&self, sdo: &SdoHandle) -> Result<(), StepError> {
+        for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
+            if axis.scale_mismatch != ScaleMismatch::Write {
+                continue;
+            }
+            let units = read_units(sdo, axis, description.offset).await?;
+            let differences = units.differences(&axis.scale, axis.units_per_revolution);
+            let writes = differences.iter().filter_map(|one| units.writes(one));
+            for (object, value) in writes.flatten() {
+                let written = sdo.write(object.offset(description.offset), value).await;
+                written.at(BringUpStep::Parameters)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Compares the declared scales of its axes with what the drive says of its units.
+    async fn check_scales(&self, context: &Context, sdo: &SdoHandle) -> Result<(), StepError> {
+        for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
+            let units = read_units(sdo, axis, description.offset).await?;
+            for mut difference in units.differences(&axis.scale, axis.units_per_revolution) {
+                difference.object.index = description.offset.apply(difference.object.index);
+                let axis_name = axis.name.clone();
+                match axis.scale_mismatch {
+                    ScaleMismatch::Refuse | ScaleMismatch::Write => {
+                        let fault = DriveFault::Scale {
+                            axis: axis_name,
+                            difference,
+                        };
+                        return Err(fault).at(BringUpStep::Parameters);
+                    }
+                    ScaleMismatch::Warn => {
+                        let note = LogRecord::ScaleDiffers {
+                            axis: axis_name,
+                            difference,
+                        };
+                        context.log.record(context.time.now(), note);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Reads what is left of the parameters of its axes, and has each of them stop when the process data stop. Before that none of
     /// them is enabled.
     pub(super) async fn read_axes(
@@ -147,6 +192,7 @@ impl Drive {
         context: &Context,
         sdo: &SdoHandle,
     ) -> Result<(), StepError> {
+        self.check_scales(context, sdo).await?;
         let mut axes = core::mem::take(&mut self.axes);
         for (axis, ready) in self.config.axes.iter().zip(&mut axes) {
             self.read_axis(Reading::Rest, sdo, axis, ready).await?;
@@ -411,6 +457,31 @@ impl Due<'_> {
         }
         Ok(())
     }
+}
+
+/// What the drive says of the units of an axis. Nothing is read of one of which nothing is declared.
+async fn read_units(
+    sdo: &SdoHandle,
+    axis: &AxisConfig,
+    offset: AxisOffset,
+) -> Result<DriveUnits, StepError> {
+    if axis.scale == AxisScale::COUNTS && axis.units_per_revolution.is_none() {
+        return Ok(DriveUnits::default());
+    }
+    let mut held = [None; DriveUnits::FACTORS.len()];
+    for (held, [numerator, divisor]) in held.iter_mut().zip(DriveUnits::FACTORS) {
+        if let Some(numerator) = read_if_it_can_be(sdo, numerator.offset(offset)).await?
+            && let Some(divisor) = read_if_it_can_be(sdo, divisor.offset(offset)).await?
+        {
+            // A drive that does not use a factor may hold 0.
+            *held = Ratio::new(numerator.into(), divisor.into()).ok();
+        }
+    }
+    Ok(DriveUnits {
+        factors: DriveUnits::factors(held),
+        si_position: read_if_it_can_be(sdo, obj::SI_UNIT_POSITION.offset(offset)).await?,
+        si_velocity: read_if_it_can_be(sdo, obj::SI_UNIT_VELOCITY.offset(offset)).await?,
+    })
 }
 
 /// Sets what the axis does when the process data stop to a value that stops it, and checks what the drive holds then. Whether the

@@ -6,7 +6,7 @@
 use crate::{
     bus::error::{AtStep, BringUpStep, DriveFault, StepError},
     coe::{AxisOffset, DriveError, ObjectAddress, SdoError, SdoHandle},
-    parameters::{StartUpList, is_brake, is_parameter},
+    parameters::{StartUpLines, StartUpList, Transition, is_brake, is_parameter},
     pdo_map::{BitRange, Direction, Layout},
 };
 
@@ -41,7 +41,7 @@ impl HeldOutputs {
             };
             let is_held = is_parameter(object) || is_digital_output(object.index);
             let is_held = is_held && object.index >= FIRST_OBJECT;
-            let is_said = lists.iter().any(|list| list.value_of(object).is_some());
+            let is_said = said_of(object, lists).is_some();
             if !(is_held || is_said) || axes.clone().any(of_set_point) {
                 continue;
             }
@@ -105,12 +105,17 @@ async fn value_of(
             error: error @ SdoError::Aborted { .. },
             ..
         }) => {
-            let mut said = lists.iter().rev().filter_map(|list| list.value_of(object));
             let unknown = DriveFault::OutputUnknown { object, error };
-            said.next().ok_or(unknown).at(BringUpStep::Parameters)
+            let said = said_of(object, lists);
+            said.ok_or(unknown).at(BringUpStep::Parameters)
         }
         Err(error) => Err(error).at(BringUpStep::Parameters),
     }
+}
+
+/// What a start-up list says of an object before the mapping.
+fn said_of(object: ObjectAddress, lists: &[StartUpList]) -> Option<Vec<u8>> {
+    StartUpLines::of(lists, Transition::PreOpToSafeOp).value_of(object)
 }
 
 fn is_digital_output(index: u16) -> bool {

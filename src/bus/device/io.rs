@@ -13,7 +13,7 @@ use crate::{
         expected::Expected,
     },
     coe::{DataType, DriveId, Number},
-    parameters::StartUpList,
+    parameters::{StartUpLines, StartUpList},
     pdo_map::{BitRange, Direction},
 };
 
@@ -55,7 +55,7 @@ impl IoConfig {
 
     /// What is wrong with the declaration itself.
     pub(in crate::bus) fn mistake(&self) -> Option<String> {
-        let mistake = self.start_up.iter().find_map(StartUpList::mistake)?;
+        let mistake = StartUpLines::all(&self.start_up).mistake()?;
         Some(format!("start-up list: {mistake}"))
     }
 }

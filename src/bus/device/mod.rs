@@ -37,7 +37,7 @@ use crate::{
         AbortCode, Clock, DriveId, Emergencies, ErrorTexts, EthercrabMailbox, MailboxClient,
         MailboxSettings, MailboxSignal, ObjectAddress, SdoHandle,
     },
-    parameters::{StartUpList, Transition},
+    parameters::{StartUpLines, StartUpList, Transition},
     pdo_map::{self, ConfigureError, Direction, Layout, MappedPdo, Mapping},
     sii::{FmmuUsage, SyncManagerUsage},
 };
@@ -311,14 +311,18 @@ impl Device {
             let place = layout.find(Direction::Outputs, object.index, object.subindex);
             place.is_some()
         };
-        let mut lists = self.start_up.iter();
-        let opens_brake = |list: &StartUpList| list.opens_brake(|at| is_output(&drive.layout, at));
-        if let Some(error) = lists.find_map(opens_brake) {
+        let lines = StartUpLines::all(&self.start_up);
+        if let Some(error) = lines.opens_brake(|at| is_output(&drive.layout, at)) {
             return Err(error).at(BringUpStep::StartUpList);
         }
         held_outputs::set_brakes(&drive.layout, &self.start_up, &sdo).await?;
-        write_lists(&self.start_up, &sdo, Transition::PreOpToSafeOp).await?;
-        done(BringUpStep::StartUpList);
+        let step = BringUpStep::StartUpList;
+        let lines = StartUpLines::of(&self.start_up, Transition::PreOpToSafeOp);
+        let [scaling, values] = lines.scaling_first();
+        scaling.write(&sdo).await.at(step)?;
+        drive.write_scales(&sdo).await?;
+        values.write(&sdo).await.at(step)?;
+        done(step);
         drive.layout = pdo_map::configure(&drive.mapping, &sdo)
             .await
             .at(BringUpStep::Mapping)?;
@@ -553,12 +557,8 @@ async fn write_lists(
     sdo: &SdoHandle,
     transition: Transition,
 ) -> Result<(), StepError> {
-    for list in lists {
-        list.apply(sdo, transition)
-            .await
-            .at(BringUpStep::StartUpList)?;
-    }
-    Ok(())
+    let lines = StartUpLines::of(lists, transition);
+    lines.write(sdo).await.at(BringUpStep::StartUpList)
 }
 
 /// That no line is overwritten by the process data.
@@ -566,7 +566,7 @@ fn check_lists(
     lists: &[StartUpList],
     is_output: impl Fn(ObjectAddress) -> bool,
 ) -> Result<(), StepError> {
-    match lists.iter().find_map(|list| list.overwritten(&is_output)) {
+    match StartUpLines::all(lists).overwritten(is_output) {
         Some(error) => Err(error).at(BringUpStep::StartUpList),
         None => Ok(()),
     }

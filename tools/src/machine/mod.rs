@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use servocrab::{
-    AxisConfig, DriveConfig,
+    DriveConfig,
     bus::{DistributedClock, Expected, IoConfig, NetworkBuilder},
     coe::{AnyObject, DriveId, ObjectAddress},
     drives::{self, DriveDescription},
@@ -215,9 +215,7 @@ impl Machine {
         for (position, device) in (0..).zip(&self.devices) {
             if device.kind.is_drive() {
                 let axes = device.axes.iter();
-                let declared = |drive: DriveConfig, axis: &Axis| {
-                    drive.axis(axis.units.declare(AxisConfig::new(&axis.name)))
-                };
+                let declared = |drive: DriveConfig, axis: &Axis| drive.axis(axis.declare());
                 network = network.drive(position, axes.fold(self.drive(device)?, declared));
             }
         }
@@ -338,6 +336,31 @@ mod tests {
     use super::*;
 
     #[test]
+    fn an_axis_says_what_a_revolution_is_and_what_is_done_where_its_drive_says_another() {
+        let axis = |more: &str| {
+            let text = format!(
+                "[[device]]\nname = \"x\"\nvendor = 1\nproduct = 2\nrevision = 3\nkind = \"generic\"\n\
+                 axes = [{{ name = \"x\", unit = \"mm\", counts = 1000{more} }}]"
+            );
+            let machine = Machine::from_toml(&text).unwrap();
+            format!("{:?}", machine.devices[0].axes[0].declare())
+        };
+        let ratio = |numerator, denominator| {
+            let ratio = servocrab::units::Ratio::new(numerator, denominator).unwrap();
+            format!("units_per_revolution: Some({ratio:?})")
+        };
+        let plain = axis("");
+        assert!(plain.contains("units_per_revolution: None"), "{plain}");
+        assert!(plain.contains("scale_mismatch: Refuse"), "{plain}");
+        let written = axis(", per_revolution = 5, scale_mismatch = \"write\"");
+        assert!(written.contains(&ratio(5, 1)), "{written}");
+        assert!(written.contains("scale_mismatch: Write"), "{written}");
+        let warned = axis(", per_revolution = 2.5, scale_mismatch = \"warn\"");
+        assert!(warned.contains(&ratio(5, 2)), "{warned}");
+        assert!(warned.contains("scale_mismatch: Warn"), "{warned}");
+    }
+
+    #[test]
     fn a_file_that_cannot_be_meant_is_refused_with_the_reason() {
         let device = "[[device]]\nname = \"x\"\nvendor = 1\nproduct = 2\nrevision = 3\n";
         for (text, why) in [
@@ -367,6 +390,18 @@ mod tests {
                     "{device}kind = \"generic\"\naxes = [{{ name = \"x\", unit = \"mm\", counts = 0 }}]"
                 ),
                 "axis \"x\"",
+            ),
+            (
+                format!(
+                    "{device}kind = \"generic\"\naxes = [{{ name = \"x\", unit = \"mm\", counts = 1, per_revolution = -5 }}]"
+                ),
+                "axis \"x\"",
+            ),
+            (
+                format!(
+                    "{device}kind = \"generic\"\naxes = [{{ name = \"x\", unit = \"mm\", counts = 1, scale_mismatch = \"no\" }}]"
+                ),
+                "an axis is its name",
             ),
             (
                 format!("{device}kind = \"generic\"\nabsent = [\"606C\"]"),

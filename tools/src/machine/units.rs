@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use servocrab::{
     AxisConfig,
-    units::{Degree, Mm, Ratio, Scale},
+    units::{Degree, Mm, Ratio, Scale, ScaleMismatch},
 };
 
 use crate::output::Failure;
@@ -14,6 +14,9 @@ use crate::output::Failure;
 pub(crate) struct Axis {
     pub(crate) name: String,
     pub(crate) units: Units,
+    /// So many of its units are a revolution of the drive's shaft.
+    per_revolution: Option<Ratio>,
+    scale_mismatch: ScaleMismatch,
 }
 
 /// As a file has it: the name alone of an axis in counts, or its unit as well.
@@ -35,6 +38,18 @@ struct WithUnit {
     counts: u64,
     #[serde(default = "one")]
     per: u64,
+    per_revolution: Option<f64>,
+    #[serde(default)]
+    scale_mismatch: Mismatch,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Mismatch {
+    #[default]
+    Refuse,
+    Warn,
+    Write,
 }
 
 const fn one() -> u64 {
@@ -53,6 +68,18 @@ impl Axis {
         Self {
             name,
             units: Units::Counts,
+            per_revolution: None,
+            scale_mismatch: ScaleMismatch::Refuse,
+        }
+    }
+
+    /// The axis as a drive of the network has it.
+    pub(crate) fn declare(&self) -> AxisConfig {
+        let axis = self.units.declare(AxisConfig::new(&self.name));
+        let axis = axis.scale_mismatch(self.scale_mismatch);
+        match self.per_revolution {
+            Some(units) => axis.units_per_revolution(units),
+            None => axis,
         }
     }
 }
@@ -66,17 +93,31 @@ impl TryFrom<Written> for Axis {
             unit,
             counts,
             per,
+            per_revolution,
+            scale_mismatch,
         } = match written {
             Written::Name(name) => return Ok(Self::named(name)),
             Written::WithUnit(axis) => axis,
         };
-        let ratio = Ratio::new(counts, per).map_err(|error| format!("axis \"{name}\": {error}"))?;
+        let wrong = |error| format!("axis \"{name}\": {error}");
+        let ratio = Ratio::new(counts, per).map_err(wrong)?;
+        let per_revolution = per_revolution.map(Ratio::try_from).transpose();
+        let per_revolution = per_revolution.map_err(wrong)?;
         let scale = Scale::counts_per_unit(ratio);
         let units = match unit {
             Unit::Mm => Units::Mm(scale),
             Unit::Degree => Units::Degree(scale),
         };
-        Ok(Self { name, units })
+        Ok(Self {
+            name,
+            units,
+            per_revolution,
+            scale_mismatch: match scale_mismatch {
+                Mismatch::Refuse => ScaleMismatch::Refuse,
+                Mismatch::Warn => ScaleMismatch::Warn,
+                Mismatch::Write => ScaleMismatch::Write,
+            },
+        })
     }
 }
 
@@ -89,7 +130,7 @@ pub(crate) enum Units {
 }
 
 impl Units {
-    pub(crate) fn declare(self, axis: AxisConfig) -> AxisConfig {
+    fn declare(self, axis: AxisConfig) -> AxisConfig {
         match self {
             Self::Counts => axis,
             Self::Mm(scale) => axis.unit::<Mm>(scale),

@@ -3,7 +3,8 @@
 use core::time::Duration;
 
 use super::super::{
-    Behaviour, FullBuffer, LimitViolation, Outcome, RelativeBase, SetError, State, WhileMoving,
+    Axis, Behaviour, FactorChange, FullBuffer, LimitViolation, Outcome, Plant, RelativeBase,
+    SetError, State, WhileMoving,
 };
 use super::Bench;
 
@@ -50,6 +51,42 @@ fn the_motor_speed_limits_the_profile() {
 }
 
 // --- factors of velocity and acceleration ---
+
+/// What was written before a factor is another number after it, for the same motion.
+#[test]
+fn a_drive_that_keeps_its_own_units_shows_other_numbers_once_a_factor_has_changed() {
+    let behaviour = Behaviour {
+        factor_change: FactorChange::Numbers,
+        ..Behaviour::generic()
+    };
+    let mut axis = Axis::new(behaviour.with_plant(Plant::ideal()));
+    axis.place(3 << 20);
+    let held = [
+        (0x607D, 1, -400_000),
+        (0x607D, 2, 1 << 22),
+        (0x6081, 0, 1 << 20),
+        (0x6084, 0, 1 << 21),
+    ];
+    for (index, subindex, value) in held {
+        axis.set(index, subindex, value).expect("a parameter");
+    }
+    // 2^20 increments are 2^18 units; then three units of velocity are a unit/s, and five of acceleration one of velocity/s.
+    for (index, value) in [(0x6092, 1 << 18), (0x6096, 3), (0x6097, 5)] {
+        axis.set(index, 1, value).expect("a factor");
+    }
+    let shown = held.map(|(index, subindex, _)| axis.get(index, subindex));
+    let ramp = (1 << 19) * 3 * 5;
+    let expected = [-100_000, 1 << 20, 3 << 18, ramp];
+    assert_eq!(shown, expected.map(Some));
+    assert_eq!(
+        axis.get(0x607F, 0),
+        Some(0xFFFF_FFFF),
+        "no limit stays none"
+    );
+    assert_eq!(axis.position(), 3 << 18, "it stands where it stood");
+    axis.cycle(core::time::Duration::from_millis(1));
+    assert_eq!(axis.get(0x6063, 0), Some(3 << 20));
+}
 
 #[test]
 fn velocity_and_acceleration_factors_scale_the_profile() {
