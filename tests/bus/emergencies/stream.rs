@@ -322,7 +322,10 @@ fn a_fault_that_ends_a_move_names_the_emergencys_code() {
     assert!(
         matches!(
             error.kind,
-            AxisErrorKind::Failed(Failure::Fault { code: Some(0x8611) })
+            AxisErrorKind::Failed(Failure::Fault {
+                code: Some(0x8611),
+                following_error: false
+            })
         ),
         "603Fh is not mapped: {error}"
     );
