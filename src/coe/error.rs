@@ -627,27 +627,30 @@ mod tests {
     }
 
     #[test]
-    fn the_drives_own_text_goes_before_the_standards() {
+    fn the_drives_own_text_stands_behind_the_standards() {
         let mut texts = ErrorTexts::default();
         assert_eq!(
             texts.text(&emergency(0x3220, [0; 5])),
             "DC link under-voltage"
         );
         texts.codes.insert(0x3220, "F502".into());
-        assert_eq!(texts.text(&emergency(0x3220, [0; 5])), "F502");
+        assert_eq!(
+            texts.text(&emergency(0x3220, [0; 5])),
+            "DC link under-voltage; F502"
+        );
         assert_eq!(texts.text(&emergency(0x3299, [0; 5])), "DC link voltage");
     }
 
     #[test]
     fn a_number_in_the_data_is_read_where_it_lies_and_with_its_code_alone() {
         let number = |byte| ErrorTexts {
-            codes: BTreeMap::new(),
             number: Some(DriveNumber {
                 with_code: 0xFF00,
                 byte,
                 prefix: "alarm A.".into(),
                 texts: [(0x0D00, "position deviation".into())].into(),
             }),
+            ..ErrorTexts::default()
         };
         let data = [0xAA, 0x00, 0x0D, 0x10, 0x0C];
         let text = |byte, code| number(byte).text(&emergency(code, data));

@@ -323,7 +323,9 @@ pub enum HistoryFault {
         missing: u8,
     },
     /// The newest message is at none of the places that there are.
-    #[error("10F3h:02 says that the newest message is at subindex {newest}, expected 0 or 6 to {last}")]
+    #[error(
+        "10F3h:02 says that the newest message is at subindex {newest}, expected 0 or 6 to {last}"
+    )]
     Newest {
         /// What 10F3h:2 says.
         newest: u8,
@@ -472,11 +474,7 @@ impl DriveHistory {
     }
 
     /// The messages, from the newest back to the oldest: they follow each other in a ring.
-    async fn messages(
-        &self,
-        room: u8,
-        newest: u8,
-    ) -> Result<Vec<DiagnosisMessage>, HistoryFault> {
+    async fn messages(&self, room: u8, newest: u8) -> Result<Vec<DiagnosisMessage>, HistoryFault> {
         let last = (FIRST_MESSAGE - 1).saturating_add(room);
         let mut messages = Vec::new();
         if newest == 0 {
@@ -486,7 +484,9 @@ impl DriveHistory {
             return Err(HistoryFault::Newest { newest, last });
         }
         let older = (FIRST_MESSAGE..=newest).rev();
-        let oldest = (newest.saturating_add(1)..=last).rev();
+        let oldest = (FIRST_MESSAGE..=last)
+            .rev()
+            .take_while(|place| *place > newest);
         for subindex in older.chain(oldest).take(room.into()) {
             let message = self.sdo.read_bytes(DIAGNOSIS, subindex).await;
             let message = if_there(message)?.unwrap_or_default();
@@ -517,5 +517,183 @@ fn if_there<T>(answer: Result<T, DriveError>) -> Result<Option<T>, SdoError> {
             ..
         }) if code.is_no_object() || code == AbortCode::NO_DATA => Ok(None),
         Err(failed) => Err(failed.error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coe::test_device::{Device, Rig, rig};
+
+    /// A drive without errors that has room for two messages, and the handle of its histories.
+    fn drive() -> (Rig, Device, DriveHistory) {
+        let (rig, device, sdo, _) = rig();
+        device.set(0x1003, 0, &[0]);
+        for (subindex, value) in [(1, &[2][..]), (2, &[0]), (3, &[0]), (4, &[0]), (5, &[0, 0])] {
+            device.set(0x10F3, subindex, value);
+        }
+        let mut texts = ErrorTexts::default();
+        texts.diagnosis.insert(0x0102, "fan %d stands".into());
+        (rig, device, DriveHistory::new(sdo, texts))
+    }
+
+    fn read(rig: &Rig, history: &DriveHistory) -> Result<HistoryRecord, HistoryFault> {
+        let history = history.clone();
+        rig.run(async move { history.read().await.map_err(|failed| failed.error) })
+    }
+
+    /// A warning with the text 0102h, of a maker's code, with this many parameters.
+    fn message(parameters: u8, bytes: &[u8]) -> Vec<u8> {
+        let head = [0x00, 0xE0, 0x34, 0x12, 0x01, parameters, 0x02, 0x01];
+        let time = 5_u64.to_le_bytes();
+        [&head[..], &time, bytes].concat()
+    }
+
+    #[test]
+    fn a_message_has_its_text_and_its_parameters_of_each_kind() {
+        let (rig, device, history) = drive();
+        let parameters = [
+            &[0x06, 0x00, 0x34, 0x12][..],
+            &[0x02, 0x10, 7, 8],
+            &[0x03, 0x20, b'f', b'a', b'n'],
+            &[0x02, 0x30, b'x', 0],
+            &[0x00, 0x40, 9, 0],
+            &[0x31, 0x00, 1, 2],
+        ];
+        device.set(0x10F3, 2, &[6]);
+        device.set(0x10F3, 6, &message(6, &parameters.concat()));
+        let record = read(&rig, &history).unwrap();
+        let [message] = &*record.diagnosis.unwrap().messages else {
+            panic!("one message")
+        };
+        assert_eq!((message.severity, message.time_ns), (Severity::Warning, 5));
+        assert!(!message.is_local_time);
+        assert_eq!(message.error_code(), None);
+        assert_eq!(
+            message.parameters,
+            [
+                DiagnosisParameter::Number {
+                    data_type: 6,
+                    bytes: vec![0x34, 0x12]
+                },
+                DiagnosisParameter::Bytes(vec![7, 8]),
+                DiagnosisParameter::Text("fan".into()),
+                DiagnosisParameter::Text("x".into()),
+                DiagnosisParameter::TextId(9),
+                DiagnosisParameter::Unknown(vec![0x31, 0x00, 1, 2]),
+            ]
+        );
+        assert_eq!(
+            message.to_string(),
+            "warning 1234E000h (fan %d stands), 0x1234, bytes 07 08, \"fan\", \"x\", text 0009h, bytes 31 00 01 02"
+        );
+    }
+
+    #[test]
+    fn a_message_that_ends_too_early_is_named_wherever_it_ends() {
+        let (rig, device, history) = drive();
+        device.set(0x10F3, 2, &[7]);
+        let whole = message(2, &[0x07, 0x00, 1, 2, 3, 4, 0x03, 0x20, b'f', b'a', b'n']);
+        for bytes in 1..whole.len() {
+            // Zeros alone are a place without a message.
+            device.set(0x10F3, 7, &whole[..bytes]);
+            let fault = match bytes {
+                1 => HistoryFault::NoMessage { newest: 7 },
+                _ => HistoryFault::Message {
+                    object: ObjectAddress::new(0x10F3, 7),
+                    bytes,
+                },
+            };
+            assert_eq!(read(&rig, &history), Err(fault), "{bytes}");
+        }
+        device.set(0x10F3, 7, &whole);
+        assert!(read(&rig, &history).is_ok());
+    }
+
+    #[test]
+    fn answers_that_contradict_each_other_or_have_another_length_are_errors() {
+        let (rig, device, history) = drive();
+        for newest in [1, 5, 8, 255] {
+            device.set(0x10F3, 2, &[newest]);
+            let fault = HistoryFault::Newest { newest, last: 7 };
+            assert_eq!(read(&rig, &history), Err(fault));
+        }
+        device.set(0x10F3, 2, &[6]);
+        let fault = HistoryFault::NoMessage { newest: 6 };
+        assert_eq!(read(&rig, &history), Err(fault));
+        device.set(0x10F3, 2, &[0]);
+        for (subindex, wrong) in [(1, &[2, 0][..]), (2, &[0, 0]), (4, &[]), (5, &[0])] {
+            let before = device.0.borrow().objects[&(0x10F3, subindex)].clone();
+            device.set(0x10F3, subindex, wrong);
+            let fault = read(&rig, &history);
+            assert!(matches!(fault, Err(HistoryFault::Sdo(_))), "{fault:?}");
+            device.set(0x10F3, subindex, &before);
+        }
+        // Two of three errors are there.
+        device.set(0x1003, 0, &[3]);
+        device.set(0x1003, 1, &[0x11, 0x86, 7, 0]);
+        device.set(0x1003, 2, &[0x20, 0x32, 0, 0]);
+        let fault = read(&rig, &history).unwrap_err();
+        let missing = HistoryFault::Count {
+            count: 3,
+            missing: 3,
+        };
+        assert_eq!(fault, missing);
+        assert!(fault.to_string().contains("1003h:03"), "{fault}");
+        device.set(0x1003, 0, &[2]);
+        let errors = read(&rig, &history).unwrap().errors.unwrap();
+        assert_eq!(
+            errors[0].to_string(),
+            "8611h (following error), the maker's 0007h"
+        );
+        device.set(0x1003, 2, &[0x20, 0x32]);
+        let fault = read(&rig, &history);
+        assert!(
+            matches!(fault, Err(HistoryFault::Sdo(SdoError::WrongSize { .. }))),
+            "{fault:?}"
+        );
+    }
+
+    #[test]
+    fn a_ring_that_names_more_places_than_subindices_is_read_to_its_end() {
+        let (rig, device, history) = drive();
+        device.set(0x10F3, 1, &[255]);
+        device.set(0x10F3, 2, &[255]);
+        for subindex in 6..=255 {
+            device.set(0x10F3, subindex, &message(0, &[]));
+        }
+        let messages = read(&rig, &history).unwrap().diagnosis.unwrap().messages;
+        assert_eq!(messages.len(), 250);
+    }
+
+    #[test]
+    fn clearing_writes_what_the_drive_has_and_reading_writes_nothing() {
+        let (rig, device, history) = drive();
+        read(&rig, &history).unwrap();
+        assert_eq!(device.0.borrow().written, []);
+        let clear = |history: &DriveHistory| {
+            let history = history.clone();
+            rig.run(async move { history.clear().await })
+        };
+        assert_eq!(clear(&history), Ok(()));
+        let zeros = [(0x1003, 0, vec![0]), (0x10F3, 3, vec![0])];
+        assert_eq!(device.0.borrow().written, zeros);
+        // Acknowledged first, where only that is cleared.
+        device.0.borrow_mut().written.clear();
+        device.set(0x10F3, 5, &[0x10, 0]);
+        device.set(0x10F3, 2, &[6]);
+        assert_eq!(clear(&history), Ok(()));
+        let [errors, all] = zeros;
+        assert_eq!(
+            device.0.borrow().written,
+            [errors, (0x10F3, 3, vec![6]), all]
+        );
+        // A drive with neither.
+        device.0.borrow_mut().objects.clear();
+        let nothing = HistoryRecord {
+            errors: None,
+            diagnosis: None,
+        };
+        assert_eq!(read(&rig, &history), Ok(nothing));
     }
 }

@@ -248,7 +248,7 @@ fn the_text_is_the_drives_own_where_its_description_has_one() {
         texts,
         [
             "alarm A.710",
-            "a text of this drive",
+            "position; a text of this drive",
             "DC link under-voltage"
         ]
     );
