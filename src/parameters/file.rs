@@ -823,6 +823,29 @@ mod tests {
     }
 
     #[test]
+    fn texts_of_error_codes_are_refused_with_their_line_where_a_code_or_a_text_is_wrong() {
+        let read = |text: &str| ErrorTexts::from_toml(text, "alarms.toml");
+        let texts = read("8611h = \"A\"\n0xff01 = \"B\"\n").unwrap().codes;
+        let texts: Vec<_> = texts.into_iter().collect();
+        assert_eq!(texts, [(0x8611, "A".into()), (0xFF01, "B".into())]);
+        for (line, fault) in [
+            ("8611 = \"A\"", FileFault::ErrorCode),
+            ("861h = \"A\"", FileFault::ErrorCode),
+            ("'+611h' = \"A\"", FileFault::ErrorCode),
+            ("0x12345 = \"A\"", FileFault::ErrorCode),
+            ("0xFF01 = \"again\"", FileFault::Twice),
+        ] {
+            let error = read(&format!("FF01h = \"B\"\n{line}")).unwrap_err();
+            assert_eq!(error.kind, fault, "{line}");
+            if fault == FileFault::ErrorCode {
+                assert_eq!(error.line, Some(2), "{line}");
+            }
+        }
+        let number = read("8611h = 5").unwrap_err();
+        assert!(matches!(number.kind, FileFault::Toml(_)), "{number}");
+    }
+
+    #[test]
     fn a_list_has_its_lines_in_order_with_types_axes_and_transitions() {
         let text = r#"
         drive = "gantry left"
