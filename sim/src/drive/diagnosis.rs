@@ -1,6 +1,6 @@
 //! The diagnosis history: object 10F3h, a ring of messages (ETG.1020, as makers' manuals give it).
 
-use core::cell::Cell;
+use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use core::time::Duration;
 
 use crate::coe::Abort;
@@ -21,6 +21,16 @@ struct Message {
     acknowledged: bool,
 }
 
+/// Set by a reading, which changes nothing else.
+#[derive(Debug)]
+struct ReadMark(AtomicBool);
+
+impl Clone for ReadMark {
+    fn clone(&self) -> Self {
+        Self(AtomicBool::new(self.0.load(Relaxed)))
+    }
+}
+
 /// The diagnosis history of a drive that has one.
 #[derive(Clone, Debug)]
 pub(super) struct DiagnosisHistory {
@@ -30,7 +40,7 @@ pub(super) struct DiagnosisHistory {
     acknowledged: u8,
     flags: u16,
     /// The newest message was read.
-    read: Cell<bool>,
+    read: ReadMark,
 }
 
 impl DiagnosisHistory {
@@ -43,7 +53,7 @@ impl DiagnosisHistory {
             newest: None,
             acknowledged: 0,
             flags: 0,
-            read: Cell::new(true),
+            read: ReadMark(AtomicBool::new(true)),
         }
     }
 
@@ -99,7 +109,7 @@ impl DiagnosisHistory {
             acknowledged: false,
         });
         self.newest = Some(next);
-        self.read.set(false);
+        self.read.0.store(false, Relaxed);
     }
 
     pub(super) fn upload(&self, subindex: u8) -> Result<Vec<u8>, Abort> {
@@ -113,7 +123,7 @@ impl DiagnosisHistory {
             _ => {
                 let place = self.place(subindex).ok_or(Abort::NoSubindex)?;
                 if Some(place) == self.newest {
-                    self.read.set(true);
+                    self.read.0.store(true, Relaxed);
                 }
                 let message = self.places[place].as_ref();
                 message.map_or(vec![0; LENGTH], |message| message.bytes.to_vec())
@@ -127,7 +137,7 @@ impl DiagnosisHistory {
             let mut messages = self.places.iter().flatten();
             messages.any(|message| !message.acknowledged)
         } else {
-            !self.read.get()
+            !self.read.0.load(Relaxed)
         }
     }
 
@@ -201,7 +211,7 @@ impl DiagnosisHistory {
         }
         if self.places.iter().all(Option::is_none) {
             self.newest = None;
-            self.read.set(true);
+            self.read.0.store(true, Relaxed);
         }
         self.acknowledged = 0;
         self.flags &= !LOST;
