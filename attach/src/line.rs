@@ -183,7 +183,11 @@ fn trouble(
         ),
         None => "the drive has sent no emergency: its error code is 603Fh".to_owned(),
     };
-    Some(("fault", text))
+    let lag = match axis.snapshot.shows_following_error() {
+        true => "following error (statusword bit 13); ",
+        false => "",
+    };
+    Some(("fault", format!("{lag}{text}")))
 }
 
 #[derive(Deserialize)]

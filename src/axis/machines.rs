@@ -157,6 +157,7 @@ impl<'a> Step<'a> {
     pub const fn fault(&self) -> Failure {
         Failure::Fault {
             code: self.error_code,
+            following_error: self.statusword.shows_following_error(self.mode),
         }
     }
 

@@ -1,7 +1,9 @@
 //! What a cycle brings an axis core, and what is known of the axis after it.
 
+use core::fmt;
+
 use crate::{
-    ds402::{Controlword, Mode, State, Statusword},
+    ds402::{Controlword, Mode, State, Statusword, describe_error_code},
     units::{AxisUnit, Counts, Scale},
 };
 
@@ -82,6 +84,44 @@ pub struct Snapshot<U: AxisUnit = Counts> {
     pub has_set_point: bool,
     /// Whether the axis knows where it is: by [`Referencing`](crate::Referencing).
     pub referenced: bool,
+}
+
+impl<U: AxisUnit> Snapshot<U> {
+    /// Whether the drive shows a following error: bit 13 of the statusword, in a mode in which it means that.
+    #[must_use]
+    pub const fn shows_following_error(&self) -> bool {
+        self.statusword.shows_following_error(self.mode)
+    }
+}
+
+impl<U: AxisUnit> fmt::Display for Snapshot<U>
+where
+    U::Signed: fmt::Display,
+{
+    /// For example `Fault, following error (statusword 2218h, controlword 000Fh), error code 8611h (following error), at 1200 counts`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.state)?;
+        let also = [
+            (self.shows_following_error(), "following error"),
+            (self.halted, "halted"),
+            (self.lost, "lost"),
+        ];
+        for (_, what) in also.into_iter().filter(|(is_so, _)| *is_so) {
+            write!(f, ", {what}")?;
+        }
+        let Self {
+            statusword,
+            controlword,
+            position,
+            ..
+        } = self;
+        write!(f, " (statusword {statusword}, controlword {controlword})")?;
+        if let Some(code) = self.error_code.filter(|&code| code != 0) {
+            let text = describe_error_code(code);
+            write!(f, ", error code {code:04X}h ({text})")?;
+        }
+        write!(f, ", at {position} {}", U::NAME)
+    }
 }
 
 impl Snapshot {

@@ -224,7 +224,9 @@ pub(super) struct AxisRecord {
 pub(super) enum AxisChange {
     Lost,
     Back,
-    Fault,
+    Fault {
+        following_error: bool,
+    },
     /// The fault was there before: its reaction has ended, or a further one has begun.
     InFault,
     State,
@@ -259,7 +261,7 @@ impl LogRecord {
     pub fn level(&self) -> Level {
         match self {
             Self::Axis(note) => match note.change {
-                AxisChange::Fault => Level::ERROR,
+                AxisChange::Fault { .. } => Level::ERROR,
                 AxisChange::Lost => Level::WARN,
                 AxisChange::Back | AxisChange::State | AxisChange::Halted | AxisChange::Resumed => {
                     Level::INFO
@@ -429,7 +431,10 @@ impl AxisRecord {
         match self.change {
             AxisChange::Lost => event!(warn, "counts as lost"),
             AxisChange::Back => event!(info, "is there again"),
-            AxisChange::Fault => event!(error, "fault"),
+            AxisChange::Fault {
+                following_error: true,
+            } => event!(error, "fault with following error"),
+            AxisChange::Fault { .. } => event!(error, "fault"),
             AxisChange::InFault => event!(debug, "state changed within the fault"),
             AxisChange::State => event!(info, "state changed"),
             AxisChange::Halted => event!(info, "halted"),
@@ -685,7 +690,12 @@ mod tests {
         let mut notes: Vec<LogRecord> = [
             AxisChange::Lost,
             AxisChange::Back,
-            AxisChange::Fault,
+            AxisChange::Fault {
+                following_error: false,
+            },
+            AxisChange::Fault {
+                following_error: true,
+            },
             AxisChange::InFault,
             AxisChange::State,
             AxisChange::Halted,
@@ -762,7 +772,10 @@ mod tests {
     #[test]
     fn a_fault_is_an_event_with_its_axis_its_drive_and_its_words() {
         seen();
-        axis(AxisChange::Fault).write(AT);
+        axis(AxisChange::Fault {
+            following_error: false,
+        })
+        .write(AT);
         let line = format!(
             "servocrab::axis: message=fault axis=\"z\" drive={} from=OperationEnabled to=Fault statusword=0218h controlword=000Fh position=-7 counts at=1.5s ",
             drive()

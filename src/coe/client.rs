@@ -174,8 +174,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
     /// The same client for a drive whose error codes mean this.
     #[must_use]
-    pub fn with_error_texts(mut self, texts: ErrorTexts) -> Self {
-        self.texts = Arc::new(texts);
+    pub fn with_error_texts(mut self, texts: impl Into<Arc<ErrorTexts>>) -> Self {
+        self.texts = texts.into();
         self
     }
 

@@ -383,11 +383,17 @@ where
 /// let emergency = |code| Emergency { code, register: 0x81, data: [0; 5] };
 /// assert_eq!(texts.text(&emergency(0xFF01)), "brake resistor missing");
 /// assert_eq!(texts.text(&emergency(0x8611)), "following error");
+/// texts.codes.insert(0x8611, "F6001 following error magnitude".into());
+/// assert_eq!(texts.describe(0x8611), "following error; F6001 following error magnitude");
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ErrorTexts {
-    /// Texts of error codes (603Fh), which go before those of CiA 402.
+    /// Texts of error codes (603Fh). They stand beside those of CiA 402.
     pub codes: BTreeMap<u16, Cow<'static, str>>,
+    /// What the drive says by bit 13 of its statusword in Profile Position (following error).
+    pub following_error: Option<Cow<'static, str>>,
+    /// Texts of diagnosis messages (10F3h), by their text ID.
+    pub diagnosis: BTreeMap<u16, Cow<'static, str>>,
     /// The number by which the drive itself names its errors, where its emergencies carry one.
     pub number: Option<DriveNumber>,
 }
@@ -406,13 +412,53 @@ pub struct DriveNumber {
 }
 
 impl ErrorTexts {
-    /// What this emergency means: by the drive's own table, else by the table of CiA 402, else by the group of its code.
+    /// What an error code means: by CiA 402, and then by the drive's own table where it has the code. Of the manufacturer's codes
+    /// (FF00h to FFFFh) CiA 402 says nothing, and the drive's own text stands alone.
+    #[must_use]
+    pub fn describe(&self, code: u16) -> Cow<'static, str> {
+        let standard = describe_error_code(code);
+        match self.codes.get(&code) {
+            None => Cow::Borrowed(standard),
+            Some(own) if code >= 0xFF00 => own.clone(),
+            Some(own) => Cow::Owned(format!("{standard}; {own}")),
+        }
+    }
+
+    /// What this emergency means: as its code, or by the drive's number where only that is known.
     #[must_use]
     pub fn text(&self, emergency: &Emergency) -> Cow<'static, str> {
-        let of_code = self.codes.get(&emergency.code).cloned();
-        of_code
-            .or_else(|| self.number.as_ref()?.text(emergency))
-            .unwrap_or(Cow::Borrowed(describe_error_code(emergency.code)))
+        let number = || self.number.as_ref()?.text(emergency);
+        let of_number = match self.codes.get(&emergency.code) {
+            Some(_) => None,
+            None => number(),
+        };
+        of_number.unwrap_or_else(|| self.describe(emergency.code))
+    }
+
+    /// What the drive itself says of a fault with this code, where its table has anything.
+    #[cfg(feature = "std")]
+    pub(crate) fn of_fault(&self, code: Option<u16>, following_error: bool) -> Option<String> {
+        let of_bit = self.following_error.as_ref().filter(|_| following_error);
+        let of_code = code.and_then(|code| self.codes.get(&code));
+        match (of_code, of_bit) {
+            (Some(code), Some(bit)) if code != bit => Some(format!("{code}, {bit}")),
+            (Some(text), _) | (None, Some(text)) => Some(text.clone().into_owned()),
+            (None, None) => None,
+        }
+    }
+
+    /// Adds the texts of another table, which go before those that are here.
+    pub fn extend(&mut self, with: Self) {
+        let Self {
+            codes,
+            number,
+            following_error,
+            diagnosis,
+        } = with;
+        self.codes.extend(codes);
+        self.diagnosis.extend(diagnosis);
+        self.number = number.or(self.number.take());
+        self.following_error = following_error.or(self.following_error.take());
     }
 }
 
@@ -471,6 +517,8 @@ impl AbortCode {
     pub const NO_SUBINDEX: Self = Self(0x0609_0011);
     /// Not in the present state.
     pub const PRESENT_STATE: Self = Self(0x0800_0022);
+    /// The object has no value now.
+    pub const NO_DATA: Self = Self(0x0800_0024);
 
     /// Whether the device says that it has no such object or subindex. By every other code it may have it, and does not give it now.
     #[must_use]
@@ -579,27 +627,30 @@ mod tests {
     }
 
     #[test]
-    fn the_drives_own_text_goes_before_the_standards() {
+    fn the_drives_own_text_stands_behind_the_standards() {
         let mut texts = ErrorTexts::default();
         assert_eq!(
             texts.text(&emergency(0x3220, [0; 5])),
             "DC link under-voltage"
         );
         texts.codes.insert(0x3220, "F502".into());
-        assert_eq!(texts.text(&emergency(0x3220, [0; 5])), "F502");
+        assert_eq!(
+            texts.text(&emergency(0x3220, [0; 5])),
+            "DC link under-voltage; F502"
+        );
         assert_eq!(texts.text(&emergency(0x3299, [0; 5])), "DC link voltage");
     }
 
     #[test]
     fn a_number_in_the_data_is_read_where_it_lies_and_with_its_code_alone() {
         let number = |byte| ErrorTexts {
-            codes: BTreeMap::new(),
             number: Some(DriveNumber {
                 with_code: 0xFF00,
                 byte,
                 prefix: "alarm A.".into(),
                 texts: [(0x0D00, "position deviation".into())].into(),
             }),
+            ..ErrorTexts::default()
         };
         let data = [0xAA, 0x00, 0x0D, 0x10, 0x0C];
         let text = |byte, code| number(byte).text(&emergency(code, data));

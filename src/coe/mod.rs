@@ -11,6 +11,8 @@ mod emergency;
 mod error;
 #[cfg(feature = "std")]
 mod handle;
+#[cfg(feature = "std")]
+mod history;
 pub mod information;
 pub mod mailbox;
 pub mod obj;
@@ -38,6 +40,11 @@ pub use error::{
 };
 #[cfg(feature = "std")]
 pub use handle::{RemoteRequest, RemoteTransfer, RemoteTransfers, SdoHandle};
+#[cfg(feature = "std")]
+pub use history::{
+    DiagnosisHistory, DiagnosisMessage, DiagnosisParameter, DriveHistory, HistoryFault,
+    HistoryRecord, RecordedError, Severity,
+};
 pub use object::{AnyObject, AxisOffset, Mappable, NoAddress, Object, ObjectAddress, ObjectUnit};
 #[cfg(feature = "std")]
 pub use transport::{EthercrabMailbox, LinkFault, LinkRefusal, MailboxStatus, MailboxTransport};

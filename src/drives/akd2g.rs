@@ -64,7 +64,11 @@ pub fn akd2g() -> DriveDescription {
             AxisDescription::profile_position(2, 0x1610, 0x1A10),
         ],
         fixed_pdos: alloc::vec::Vec::new(),
-        error_texts: ErrorTexts::default(),
+        // "Profile Position Mode", mode-specific statusword bits.
+        error_texts: ErrorTexts {
+            following_error: Some("F6001 following error magnitude".into()),
+            ..ErrorTexts::default()
+        },
         limits: MappingLimits {
             output_bytes: 64,
             input_bytes: 64,

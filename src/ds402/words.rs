@@ -56,6 +56,23 @@ bitflags! {
     }
 }
 
+impl Statusword {
+    /// Whether bit 13 is set and means a following error: in Profile Position and in cyclic synchronous position. `mode` is that of
+    /// 6061h.
+    ///
+    /// ```
+    /// use servocrab::ds402::{Mode, Statusword};
+    /// let word = Statusword::from_bits_retain(0x2218);
+    /// assert!(word.shows_following_error(Mode::ProfilePosition));
+    /// assert!(!word.shows_following_error(Mode::Homing)); // a homing error
+    /// ```
+    #[must_use]
+    pub const fn shows_following_error(self, mode: Mode) -> bool {
+        matches!(mode, Mode::ProfilePosition | Mode::CyclicPosition)
+            && self.contains(Self::FOLLOWING_ERROR)
+    }
+}
+
 impl core::fmt::Display for Statusword {
     /// As the standard writes it: `0637h`.
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {

@@ -1,7 +1,7 @@
 //! A drive description made of an ESI file's device.
 
 use super::device::{EsiDevice, EsiPdo};
-use crate::coe::{AnyObject, AxisOffset, ErrorTexts, ObjectAddress, obj};
+use crate::coe::{AnyObject, AxisOffset, ObjectAddress, obj};
 use crate::drives::{AxisDescription, DriveDescription};
 use crate::pdo_map::{Direction, FixedPdo, MappingLimits};
 use crate::profile_position::{RelativeBase, Traits};
@@ -97,7 +97,7 @@ impl EsiDevice {
             product: Some(self.product),
             axes: descriptions.into_iter().map(|(_, axis)| axis).collect(),
             fixed_pdos: self.fixed_pdos(),
-            error_texts: ErrorTexts::default(),
+            error_texts: self.error_texts.clone(),
             limits: self.limits(),
             traits: Traits {
                 relative_base: RelativeBase::PositioningOption,

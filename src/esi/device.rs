@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use super::xml::{Element, EsiError, EsiFault, Max, quoted};
-use crate::coe::{Mappable, ObjectAddress};
+use crate::coe::{ErrorTexts, Mappable, ObjectAddress, obj};
 use crate::parameters::{ObjectValue, StartUpList, StartUpWrite, Transition};
 use crate::pdo_map::{Direction, Entry, MappedPdo};
 
@@ -40,6 +40,9 @@ pub struct EsiDevice {
     pub pdos: Vec<EsiPdo>,
     /// The entries of all objects of its dictionary, in the file's order; empty if the file has none.
     pub dictionary: Vec<EsiEntry>,
+    /// What its errors mean: texts of diagnosis messages (`DiagMessages`), and of the values of 603Fh where their data type lists them
+    /// (`EnumInfo`).
+    pub error_texts: ErrorTexts,
     /// The modes of its distributed clock; the first is the default.
     pub clock_modes: Vec<EsiClockMode>,
     /// What is written to it by CoE on its way to OP.
@@ -235,6 +238,12 @@ impl EsiDevice {
                 init_commands.push(read_command(&command, part)?);
             }
         }
+        let mut error_texts = ErrorTexts::default();
+        for part in &parts {
+            for profile in part.element.children("Profile") {
+                read_error_texts(&profile, &mut error_texts);
+            }
+        }
         let clock = device.child("Dc");
         let modes = clock.iter().flat_map(|dc| dc.children("OpMode"));
         Ok(Self {
@@ -253,6 +262,7 @@ impl EsiDevice {
             slots,
             pdos,
             dictionary,
+            error_texts,
             clock_modes: modes
                 .map(|mode| {
                     Ok(EsiClockMode {
@@ -522,6 +532,48 @@ impl Flags {
                 outputs: mapping.contains('R'),
                 inputs: mapping.contains('T'),
             },
+        }
+    }
+}
+
+/// The most letters of a text.
+const MOST_LETTERS: usize = 256;
+
+/// Adds what a profile says of errors.
+fn read_error_texts(profile: &Element<'_>, texts: &mut ErrorTexts) {
+    let text_of = |element: &Element<'_>, name| -> Cow<'static, str> {
+        let text = element.text_of(name);
+        text.chars().take(MOST_LETTERS).collect::<String>().into()
+    };
+    for message in profile
+        .children("DiagMessages")
+        .flat_map(|messages| messages.children("DiagMessage"))
+    {
+        // A text that is not understood is missed by nobody but a reader.
+        if let Ok(Some(id)) = message.number_of("TextId") {
+            texts.diagnosis.insert(id, text_of(&message, "MessageText"));
+        }
+    }
+    for dictionary in profile.children("Dictionary") {
+        let objects = dictionary.children("Objects");
+        let mut objects = objects.flat_map(|objects| objects.children("Object"));
+        let is_error_code = |object: &Element<'_>| {
+            let index = object.child("Index").and_then(|index| index.number().ok());
+            index == Some(obj::ERROR_CODE.index())
+        };
+        let Some(object) = objects.find(is_error_code) else {
+            continue;
+        };
+        let named = object.text_of("Type");
+        let types = dictionary.children("DataTypes");
+        let mut types = types.flat_map(|types| types.children("DataType"));
+        let Some(kind) = types.find(|kind| kind.text_of("Name") == named) else {
+            continue;
+        };
+        for value in kind.children("EnumInfo") {
+            if let Ok(Some(code)) = value.number_of("Enum") {
+                texts.codes.insert(code, text_of(&value, "Text"));
+            }
         }
     }
 }

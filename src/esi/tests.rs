@@ -86,6 +86,29 @@ fn the_synchronisation_types_of_a_description_are_the_defaults_of_the_dictionary
 }
 
 #[test]
+fn texts_of_diagnosis_messages_and_of_603fh_become_those_of_the_drive() {
+    let text = file(
+        "<Profile><Dictionary><DataTypes>\
+         <DataType><Name>DT6085</Name><EnumInfo><Text>other</Text><Enum>1</Enum></EnumInfo></DataType>\
+         <DataType><Name>DT603F</Name><BaseType>UINT</BaseType>\
+         <EnumInfo><Text>brake resistor missing</Text><Enum>#xFF01</Enum></EnumInfo>\
+         <EnumInfo><Text>too large</Text><Enum>#x1FFFF</Enum></EnumInfo></DataType></DataTypes>\
+         <Objects><Object><Index>#x6085</Index><Type>DT6085</Type></Object>\
+         <Object><Index>#x603F</Index><Type>DT603F</Type></Object></Objects></Dictionary>\
+         <DiagMessages><DiagMessage><TextId>#x0102</TextId><MessageText LcId=\"1033\">fan %d stands</MessageText>\
+         <MessageText LcId=\"1031\">L\u{fc}fter %d steht</MessageText></DiagMessage>\
+         <DiagMessage><TextId>none</TextId><MessageText>lost</MessageText></DiagMessage></DiagMessages></Profile>\
+         <RxPdo><Index>#x1600</Index><Entry><Index>#x6040</Index><BitLen>16</BitLen></Entry></RxPdo>",
+    );
+    let esi = Esi::from_bytes("drive.xml", text.as_bytes()).unwrap();
+    let texts = esi.devices[0].description().unwrap().error_texts;
+    let codes: Vec<_> = texts.codes.into_iter().collect();
+    assert_eq!(codes, [(0xFF01, "brake resistor missing".into())]);
+    let diagnosis: Vec<_> = texts.diagnosis.into_iter().collect();
+    assert_eq!(diagnosis, [(0x0102, "fan %d stands".into())]);
+}
+
+#[test]
 fn fixed_mandatory_and_excluded_pdos_and_padding_are_read() {
     let text = file(
         "<RxPdo Fixed=\"1\" Mandatory=\"true\" Sm=\"2\"><Index>#x1701</Index><Exclude>#x1702</Exclude>\

@@ -570,12 +570,20 @@ impl Handles {
     /// has it.
     pub async fn fail(&self, failure: Failure) -> AxisError {
         let failure = match failure {
-            Failure::Fault { code: None } => Failure::Fault {
-                code: self.read_error_code().await,
+            // The drive may show bit 13 some cycles after its fault.
+            Failure::Fault {
+                code,
+                following_error,
+            } => Failure::Fault {
+                code: match code {
+                    None => self.read_error_code().await,
+                    known => known,
+                },
+                following_error: following_error || self.shows_faulty_lag(),
             },
             failure => failure,
         };
-        if let Failure::Fault { code } = failure {
+        if let Failure::Fault { code, .. } = failure {
             let status = self.shared.snapshot();
             // The fault itself is logged once, by the owner of the cycle.
             tracing::debug!(
@@ -589,6 +597,12 @@ impl Handles {
             );
         }
         self.shared.error(AxisErrorKind::Failed(failure))
+    }
+
+    /// Whether the drive shows a fault with a following error.
+    fn shows_faulty_lag(&self) -> bool {
+        let status = self.shared.snapshot();
+        status.state.is_fault() && status.shows_following_error()
     }
 
     /// Error code 603Fh, by SDO; none if it cannot be read, or not soon.

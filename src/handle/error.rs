@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::{
     Failure,
     axis::{Command, Delivery},
-    coe::{DriveId, ObjectAddress, SdoError, obj},
+    coe::{DriveId, ErrorTexts, ObjectAddress, SdoError, obj},
     ds402::{Controlword, Statusword},
     pdo_map::LayoutError,
     units::{AxisUnit, Counts, Scale, ScaleError},
@@ -26,6 +26,8 @@ pub struct AxisError {
     unit: Option<Box<ErrorUnit>>,
     /// None of others than those that a halt ends.
     motion: Option<EndedByHalt>,
+    /// What the drive's own table says of its fault.
+    maker: Option<Arc<str>>,
 }
 
 /// As its text: what a program prints that unwraps it.
@@ -88,13 +90,32 @@ impl serde::Serialize for AxisError {
 }
 
 impl AxisError {
-    pub(super) const fn new(identity: Arc<AxisIdentity>, kind: AxisErrorKind) -> Self {
+    pub(super) fn new(
+        identity: Arc<AxisIdentity>,
+        kind: AxisErrorKind,
+        texts: &ErrorTexts,
+    ) -> Self {
+        let maker = match kind.failure() {
+            Some(Failure::Fault {
+                code,
+                following_error,
+            }) => texts.of_fault(code, following_error),
+            _ => None,
+        };
         Self {
             identity,
             kind,
             unit: None,
             motion: None,
+            maker: maker.map(Into::into),
         }
+    }
+
+    /// What the drive's maker says of the fault, where the drive's table has a text
+    /// ([`DriveDescription::error_texts`](crate::drives::DriveDescription::error_texts)).
+    #[must_use]
+    pub fn maker_text(&self) -> Option<&str> {
+        self.maker.as_deref()
     }
 
     /// The same of this motion.
@@ -128,7 +149,10 @@ impl AxisError {
     /// Why, without the name of the axis, and with positions in the unit of the handle.
     pub fn reason(&self) -> impl fmt::Display + '_ {
         let over = self.motion.and_then(|motion| motion.text(&self.kind));
-        Reason(&self.kind, self.unit.as_deref(), over)
+        ErrorReason {
+            kind: Reason(&self.kind, self.unit.as_deref(), over),
+            maker: self.maker_text(),
+        }
     }
 }
 
@@ -167,6 +191,22 @@ impl HandleUnit {
         Self {
             scale,
             name: (!is_counts).then_some(U::NAME),
+        }
+    }
+}
+
+/// A reason, and behind it what the drive's maker says.
+struct ErrorReason<'a> {
+    kind: Reason<'a>,
+    maker: Option<&'a str>,
+}
+
+impl fmt::Display for ErrorReason<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.kind.fmt(f)?;
+        match self.maker {
+            Some(text) => write!(f, "; the maker says: {text}"),
+            None => Ok(()),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use crate::{
     StopRequest,
     axis::{AxisCore, AxisFields, Snapshot},
-    coe::{AxisOffset, ObjectAddress, SdoError, Transfer},
+    coe::{AxisOffset, ErrorTexts, ObjectAddress, SdoError, Transfer},
     pdo_map::Layout,
     units::{AxisScale, AxisUnit},
 };
@@ -71,6 +71,7 @@ impl ParameterAccess for NoParameters {
 ///     scale: AxisScale::COUNTS,
 ///     layout,
 ///     parameters: std::sync::Arc::new(NoParameters),
+///     error_texts: std::sync::Arc::default(),
 ///     groups: GroupQueue::new(),
 ///     index: 0,
 /// }
@@ -101,6 +102,8 @@ pub struct AxisSetup {
     pub layout: Layout,
     /// SDO access to the drive.
     pub parameters: Arc<dyn ParameterAccess>,
+    /// What the drive's own error codes mean: for the texts of its faults.
+    pub error_texts: Arc<ErrorTexts>,
     /// Where starts of several axes together are asked for: one queue for all axes of a network.
     pub groups: GroupQueue,
     /// The axis' number in its network, by which [`Groups`](super::Groups) asks for its core.

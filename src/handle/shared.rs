@@ -91,7 +91,8 @@ impl Shared {
     }
 
     pub fn error(&self, kind: AxisErrorKind) -> AxisError {
-        AxisError::new(Arc::clone(&self.identity), kind)
+        let texts = &self.setup.error_texts;
+        AxisError::new(Arc::clone(&self.identity), kind, texts)
     }
 
     /// For the program's side alone: a subscriber may lock and allocate.

@@ -93,7 +93,10 @@ impl Stops {
             () if is(StopKind::Halt) => Failure::Halted { delivery },
             () if is(StopKind::Disable) => Failure::Disabled { state },
             () if is(StopKind::Lost) => Failure::BusLost { delivery },
-            () if is(StopKind::Fault) => Failure::Fault { code: None },
+            () if is(StopKind::Fault) => Failure::Fault {
+                code: None,
+                following_error: false,
+            },
             () => Failure::QuickStopped { delivery },
         })
     }
@@ -131,7 +134,13 @@ mod tests {
             (StopKind::Stop, Failure::QUICK_STOPPED),
             (StopKind::Stop, Failure::QUICK_STOPPED),
             (StopKind::Lost, Failure::BusLost { delivery }),
-            (StopKind::Fault, Failure::Fault { code: None }),
+            (
+                StopKind::Fault,
+                Failure::Fault {
+                    code: None,
+                    following_error: false,
+                },
+            ),
         ];
         for (kind, failure) in kinds {
             let asked = stops.last();

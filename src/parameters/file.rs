@@ -17,7 +17,7 @@
 //! transition = "SAFEOP-OP"               # PREOP-SAFEOP if left out
 //! ```
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write as _};
@@ -32,7 +32,7 @@ use toml::Spanned;
 use super::set::{Parameter, ParameterSet, is_parameter};
 use super::start_up::{StartUpList, StartUpWrite, Transition, of_first_axis};
 use super::value::{ObjectValue, ValueType, known_name};
-use crate::coe::{AxisOffset, ObjectAddress, obj};
+use crate::coe::{AxisOffset, ErrorTexts, ObjectAddress, obj};
 use crate::sii::Identity;
 
 /// The longest file that is read or written: some ten thousand parameters, more than any drive has.
@@ -124,7 +124,10 @@ pub enum FileFault {
     /// An object that commands or records, and that a restore must not write.
     #[error("this object is a command or a record, and no parameter")]
     NoParameter,
-    /// The object has another value further up.
+    /// A key is no error code.
+    #[error("no error code: write the four hexadecimal digits of 603Fh, such as 8611h or 0x8611")]
+    ErrorCode,
+    /// The object, or the code, has another value further up.
     #[error("this object is in the file already: leave one of the two out")]
     Twice,
 }
@@ -189,6 +192,58 @@ impl StartUpList {
             file: Some(file.into()),
         })
     }
+}
+
+impl ErrorTexts {
+    /// Reads what a drive's error codes mean from a TOML file: each code in hexadecimal, as in 603Fh, and its text.
+    ///
+    /// ```toml
+    /// FF01h = "brake resistor missing"
+    /// 0x8611 = "F6001 following error magnitude"
+    /// ```
+    ///
+    /// # Errors
+    /// [`FileError`]: file, line and code, and what is wrong there.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, FileError> {
+        let path = path.as_ref();
+        Self::from_toml(&read(path)?, &path.display().to_string())
+    }
+
+    /// Reads texts from TOML; `file` is how errors call it.
+    ///
+    /// ```
+    /// use servocrab::coe::ErrorTexts;
+    /// let texts = ErrorTexts::from_toml("FF01h = \"brake resistor missing\"", "alarms.toml").unwrap();
+    /// assert_eq!(texts.describe(0xFF01), "brake resistor missing");
+    ///
+    /// let error = ErrorTexts::from_toml("F6001 = \"following error\"", "alarms.toml").unwrap_err();
+    /// assert!(error.to_string().starts_with("alarms.toml:1: object \"F6001\": no error code"));
+    /// ```
+    ///
+    /// # Errors
+    /// As [`ErrorTexts::load`].
+    pub fn from_toml(text: &str, file: &str) -> Result<Self, FileError> {
+        let source = Source::new(text, file);
+        let raw: BTreeMap<Spanned<String>, String> = source.parse()?;
+        let mut texts = Self::default();
+        for (name, text) in raw {
+            let error = |fault| source.error(Some(name.span()), Some(name.get_ref()), fault);
+            let code = error_code(name.get_ref()).ok_or_else(|| error(FileFault::ErrorCode))?;
+            if texts.codes.insert(code, text.into()).is_some() {
+                return Err(error(FileFault::Twice));
+            }
+        }
+        Ok(texts)
+    }
+}
+
+/// An error code as a file writes it: `8611h` or `0x8611`.
+fn error_code(text: &str) -> Option<u16> {
+    let digits = text
+        .strip_suffix('h')
+        .or_else(|| text.strip_prefix("0x"))
+        .filter(|digits| digits.len() == 4 && !digits.starts_with('+'))?;
+    u16::from_str_radix(digits, 16).ok()
 }
 
 /// A file's text, and what its errors begin with.
@@ -765,6 +820,29 @@ mod tests {
 
     fn entry(rest: &str) -> String {
         format!("drive = \"left\"\n\n[[write]]\nobject = \"2345h:01\"\n{rest}")
+    }
+
+    #[test]
+    fn texts_of_error_codes_are_refused_with_their_line_where_a_code_or_a_text_is_wrong() {
+        let read = |text: &str| ErrorTexts::from_toml(text, "alarms.toml");
+        let texts = read("8611h = \"A\"\n0xff01 = \"B\"\n").unwrap().codes;
+        let texts: Vec<_> = texts.into_iter().collect();
+        assert_eq!(texts, [(0x8611, "A".into()), (0xFF01, "B".into())]);
+        for (line, fault) in [
+            ("8611 = \"A\"", FileFault::ErrorCode),
+            ("861h = \"A\"", FileFault::ErrorCode),
+            ("'+611h' = \"A\"", FileFault::ErrorCode),
+            ("0x12345 = \"A\"", FileFault::ErrorCode),
+            ("0xFF01 = \"again\"", FileFault::Twice),
+        ] {
+            let error = read(&format!("FF01h = \"B\"\n{line}")).unwrap_err();
+            assert_eq!(error.kind, fault, "{line}");
+            if fault == FileFault::ErrorCode {
+                assert_eq!(error.line, Some(2), "{line}");
+            }
+        }
+        let number = read("8611h = 5").unwrap_err();
+        assert!(matches!(number.kind, FileFault::Toml(_)), "{number}");
     }
 
     #[test]

@@ -313,12 +313,19 @@ pub enum Failure {
         controlword: Controlword,
     },
     /// The drive has a fault.
-    #[error("the drive has a fault: {} ({})", FaultCode(*.code), FaultText(*.code))]
+    #[error(
+        "the drive has a fault{}: {} ({})",
+        if *.following_error { " with following error (statusword bit 13)" } else { "" },
+        FaultCode(*.code),
+        FaultText(*.code)
+    )]
     Fault {
         /// Error code 603Fh, where it is mapped or was read; else none. Of a drive that has no 603Fh the code is in its emergency
         /// (`Network::emergencies`), and in the newest entry of its error history (1003h:1, bits 0 to 15). It is not taken from
         /// there: an emergency does not say of which axis of its drive it is.
         code: Option<u16>,
+        /// Whether the drive shows a following error with it: bit 13 of the statusword in Profile Position.
+        following_error: bool,
     },
     /// The axis got bit 8 (halt) and does not get slower: its drive ignores the bit, or goes on speeding up for a while. Bit 8
     /// stays set.

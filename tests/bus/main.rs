@@ -18,6 +18,7 @@ mod faults;
 mod given_up;
 mod habits;
 mod held;
+mod history;
 mod io;
 mod limits;
 mod load;

@@ -367,6 +367,7 @@ impl Station {
             offset: AxisOffset::default(),
             fields,
             layout: layout.clone(),
+            error_texts: Arc::default(),
             parameters: sdo.clone(),
             groups: queue.clone(),
             index,

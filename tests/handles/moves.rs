@@ -127,7 +127,13 @@ fn a_fault_without_a_code_in_the_process_data_has_the_code_that_sdo_reads() {
     machine.drive().inject_fault(0x8611);
     let error = machine.finish(moved.done()).unwrap_err();
     let code = Some(0x8611);
-    assert_eq!(error.failure(), Some(Failure::Fault { code }));
+    assert_eq!(
+        error.failure(),
+        Some(Failure::Fault {
+            code,
+            following_error: false
+        })
+    );
     assert!(error.to_string().contains("8611h"), "{error}");
     machine.run(500);
     machine.finish(axis.reset_fault()).unwrap();

@@ -136,5 +136,12 @@ fn a_lease_that_was_being_selected_ends_with_the_fault_and_its_code() {
     machine.run(10);
     let error = machine.finish_task(&mut leased).unwrap_err();
     let code = Some(0x7305);
-    assert_eq!(error.failure(), Some(Failure::Fault { code }), "{error}");
+    assert_eq!(
+        error.failure(),
+        Some(Failure::Fault {
+            code,
+            following_error: false
+        }),
+        "{error}"
+    );
 }

@@ -167,8 +167,22 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
         controlword,
     };
     let failures = [
-        Failure::Fault { code: Some(0x8611) },
-        Failure::Fault { code: None },
+        Failure::Fault {
+            code: Some(0x8611),
+            following_error: false,
+        },
+        Failure::Fault {
+            code: Some(0xFF01),
+            following_error: true,
+        },
+        Failure::Fault {
+            code: None,
+            following_error: true,
+        },
+        Failure::Fault {
+            code: None,
+            following_error: false,
+        },
         Failure::MissedTarget {
             target: 1000,
             actual: 500,

@@ -59,7 +59,7 @@ pub struct Program {
 }
 
 /// So that it is drawn beside all others.
-const HOLDS: u64 = 0x4001_D5;
+const HOLDS: u64 = 0x0040_01D5;
 
 impl Made {
     /// The scenario of this seed without these habits. What it draws is the same whatever is left out.

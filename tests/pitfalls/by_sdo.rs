@@ -118,6 +118,7 @@ impl Station {
             offset: AxisOffset::default(),
             fields,
             layout: layout.clone(),
+            error_texts: Arc::default(),
             parameters: Arc::new(SlowSdo {
                 drive: Arc::clone(&drive),
                 cycles: Arc::clone(&cycles),

@@ -6,6 +6,7 @@ mod axes;
 mod bundle;
 mod capture;
 mod doctor;
+mod history;
 mod line;
 mod machine;
 mod meaning;
@@ -45,6 +46,8 @@ enum Command {
     Od(od::Arguments),
     /// Backs up, compares, writes and stores the parameters of drives; whatever their line was doing ends
     Params(params::Arguments),
+    /// Shows what a drive remembers of its errors, and clears it if asked to; whatever its line was doing ends
+    History(history::Arguments),
     /// Moves an axis with a velocity for a time
     Jog(motion::Jog),
     /// Has a drive find the home of an axis
@@ -86,6 +89,7 @@ fn main() -> ExitCode {
         Command::Scan(arguments) => smol::block_on(scan::run(&tool, arguments)),
         Command::Od(arguments) => smol::block_on(od::run(&tool, arguments)),
         Command::Params(arguments) => smol::block_on(params::run(&tool, arguments)),
+        Command::History(arguments) => smol::block_on(history::run(&tool, arguments)),
         Command::Jog(arguments) => smol::block_on(motion::jog(&tool, arguments)),
         Command::Home(arguments) => smol::block_on(motion::home(&tool, arguments)),
         Command::Move(arguments) => smol::block_on(motion::move_axis(&tool, arguments)),

@@ -52,6 +52,12 @@ pub enum Abort {
     /// The value is not one that the object takes.
     #[error("value out of range")]
     Range = 0x0609_0030,
+    /// The value is above those that the object takes.
+    #[error("value too high")]
+    TooHigh = 0x0609_0031,
+    /// The value is below those that the object takes.
+    #[error("value too low")]
+    TooLow = 0x0609_0032,
     /// The values are not saved: the signature is wrong.
     #[error("cannot be stored")]
     NotSaved = 0x0800_0020,

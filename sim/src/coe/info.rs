@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 /// Numbers of the data types.
 pub(crate) mod data_type {
+    pub(crate) const BOOLEAN: u16 = 0x0001;
     pub(crate) const I8: u16 = 0x0002;
     pub(crate) const I16: u16 = 0x0003;
     pub(crate) const I32: u16 = 0x0004;
@@ -11,6 +12,7 @@ pub(crate) mod data_type {
     pub(crate) const U16: u16 = 0x0006;
     pub(crate) const U32: u16 = 0x0007;
     pub(crate) const VISIBLE_STRING: u16 = 0x0009;
+    pub(crate) const OCTET_STRING: u16 = 0x000A;
     /// The record of a PDO mapping.
     pub(crate) const PDO_MAPPING: u16 = 0x0021;
     /// The record 1018h.

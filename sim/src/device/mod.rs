@@ -177,7 +177,7 @@ impl Device {
     /// mailbox is free. Without a mailbox, or in INIT, nothing is sent.
     pub fn inject_emergency(&mut self, code: u16, register: u8, data: [u8; 5], now: Duration) {
         if let Some(drive) = &mut self.drive {
-            drive.record_error(code);
+            drive.record_error(code, register, now);
         }
         if self.mailbox_is_running() {
             self.mailbox

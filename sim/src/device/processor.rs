@@ -9,6 +9,7 @@ use crate::al::{AlState, Checks, code};
 use crate::coe::{Server, emergency_payload};
 use crate::description::{Direction, SyncManagerUse};
 use crate::drive::Drive;
+use crate::ds402::Emergency;
 use crate::mailbox::MailError;
 
 impl Device {
@@ -146,7 +147,7 @@ impl Device {
         if let Some(drive) = &mut self.drive {
             drive.cycle(now);
         }
-        while let Some(emergency) = self.drive.as_mut().and_then(Drive::take_emergency) {
+        while let Some(emergency) = self.take_emergency(now) {
             if self.mailbox_is_running() {
                 let payload = emergency_payload(emergency.code, emergency.register, emergency.data);
                 self.mailbox.push_emergency(payload);
@@ -154,6 +155,10 @@ impl Device {
         }
         self.publish_inputs();
         self.poll_mailbox(now);
+    }
+
+    fn take_emergency(&mut self, now: Duration) -> Option<Emergency> {
+        self.drive.as_mut()?.take_emergency(now)
     }
 
     /// Follows a change of the AL state with what belongs to it.

@@ -75,6 +75,8 @@ pub struct DriveBlueprint {
     pub objects: Vec<PlainObject>,
     /// It shows those, the PDO lists and what the PDOs hold by default, and no other object.
     pub shows_only_these: bool,
+    /// It has a diagnosis history (10F3h) with room for so many messages.
+    pub diagnosis: Option<u8>,
     /// 1010h saves the objects that are kept in the EEPROM, and 1011h empties it.
     pub saves: bool,
     /// Software version (100Ah).

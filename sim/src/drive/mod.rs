@@ -2,6 +2,7 @@
 
 mod blueprint;
 mod communication;
+mod diagnosis;
 mod history;
 mod information;
 mod plain;
@@ -18,6 +19,7 @@ use crate::ds402::{Access, Axis, Emergency, Entry as AxisEntry, Mapping, SetErro
 use crate::pdo::{Mappable, PdoSet};
 pub use blueprint::{AxisStatusObject, DriveBlueprint, PlainEntry, PlainObject};
 use communication::{LOAD, SAVE, communication_objects};
+use diagnosis::DiagnosisHistory;
 use history::ErrorHistory;
 use plain::decode;
 pub(crate) use sdo::SdoObjects;
@@ -43,6 +45,7 @@ struct DriveObjects {
     status_object: Option<AxisStatusObject>,
     stored: Dictionary,
     errors: ErrorHistory,
+    diagnosis: Option<DiagnosisHistory>,
     /// Cycle of SYNC0 while the drive follows that.
     sync0_cycle_ns: Option<u32>,
     /// The objects that it shows; `None` for all.
@@ -84,6 +87,7 @@ impl Drive {
                 status_object: blueprint.status_object,
                 stored: communication_objects(blueprint, description),
                 errors: ErrorHistory::default(),
+                diagnosis: blueprint.diagnosis.map(DiagnosisHistory::new),
                 sync0_cycle_ns: None,
                 shown: shown(blueprint, description),
             },
@@ -151,19 +155,22 @@ impl Drive {
     }
 
     /// The next emergency of any axis; its error goes into the history.
-    pub(crate) fn take_emergency(&mut self) -> Option<Emergency> {
+    pub(crate) fn take_emergency(&mut self, now: Duration) -> Option<Emergency> {
         let emergency = self
             .objects
             .axes
             .iter_mut()
             .find_map(Axis::take_emergency)?;
-        self.record_error(emergency.code);
+        self.record_error(emergency.code, emergency.register, now);
         Some(emergency)
     }
 
-    /// Enters an error into the history (1003h).
-    pub(crate) fn record_error(&mut self, code: u16) {
+    /// Enters an error into the histories (1003h, 10F3h).
+    pub(crate) fn record_error(&mut self, code: u16, register: u8, now: Duration) {
         self.objects.errors.record(code);
+        if let Some(diagnosis) = &mut self.objects.diagnosis {
+            diagnosis.record(code, register, now);
+        }
     }
 
     /// Whether 1C32h:1 asks for the synchronisation with SYNC0.
@@ -252,6 +259,10 @@ impl DriveObjects {
                 }
             }
             None if index == ErrorHistory::INDEX => self.errors.upload(subindex),
+            None if index == DiagnosisHistory::INDEX => {
+                let diagnosis = self.diagnosis.as_ref().ok_or(Abort::NoObject)?;
+                diagnosis.upload(subindex)
+            }
             None => self
                 .synchronisation(index, subindex)
                 .map_or_else(|| self.stored.upload(index, subindex), Ok),
@@ -273,6 +284,10 @@ impl DriveObjects {
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => Err(Abort::ReadOnly),
             None if index == ErrorHistory::INDEX => ErrorHistory::room(subindex),
+            None if index == DiagnosisHistory::INDEX => {
+                let diagnosis = self.diagnosis.as_ref().ok_or(Abort::NoObject)?;
+                diagnosis.room(subindex)
+            }
             None => self.stored.room(index, subindex),
             Some(AxisObject::Profile { entry, .. }) if entry.access == Access::ReadWrite => {
                 Ok(entry.kind.size())
@@ -286,6 +301,10 @@ impl DriveObjects {
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => Err(Abort::ReadOnly),
             None if index == ErrorHistory::INDEX => self.errors.download(subindex, data),
+            None if index == DiagnosisHistory::INDEX => {
+                let diagnosis = self.diagnosis.as_mut().ok_or(Abort::NoObject)?;
+                diagnosis.download(subindex, data)
+            }
             None if (index, subindex) == (SAVE, 1) => {
                 self.memory_command(SAVE, b"save", data, Axis::save)
             }

@@ -1,5 +1,6 @@
 //! The drive's dictionary as the CoE services see it: PDO lists, communication objects and the axes' objects as one.
 
+use super::diagnosis::DiagnosisHistory;
 use super::history::ErrorHistory;
 use super::information::{axis_entry_info, axis_object_info};
 use super::{AxisObject, Drive, DriveObjects, PROFILE_AREA};
@@ -97,6 +98,7 @@ const ERROR_REGISTER_NAME: &str = "Error register";
 impl DriveObjects {
     fn indices(&self) -> Vec<u16> {
         let mut all = vec![ERROR_REGISTER, ErrorHistory::INDEX];
+        all.extend(self.diagnosis.as_ref().map(|_| DiagnosisHistory::INDEX));
         all.extend(self.stored.indices());
         for (number, axis) in (0u16..).zip(&self.axes) {
             let profile = axis.entries().iter().filter_map(|entry| {
@@ -127,6 +129,10 @@ impl DriveObjects {
                 name: ERROR_REGISTER_NAME.into(),
             }),
             ErrorHistory::INDEX => Ok(ErrorHistory::object()),
+            DiagnosisHistory::INDEX => {
+                let diagnosis = self.diagnosis.as_ref().ok_or(Abort::NoObject)?;
+                Ok(diagnosis.object())
+            }
             _ if self.status_axis(index).is_some() => Ok(ObjectInfo {
                 data_type: data_type::NONE,
                 last: self.status_object.map_or(0, |object| object.subindex),
@@ -153,6 +159,10 @@ impl DriveObjects {
             )),
             ERROR_REGISTER => Err(Abort::NoSubindex),
             ErrorHistory::INDEX => ErrorHistory::entry(subindex),
+            DiagnosisHistory::INDEX => {
+                let diagnosis = self.diagnosis.as_ref().ok_or(Abort::NoObject)?;
+                diagnosis.entry(subindex)
+            }
             _ => match self.axis_object(index, subindex)? {
                 None => self.stored.entry(index, subindex),
                 Some(AxisObject::Count(_)) => Ok(EntryInfo::count(access::READ)),

@@ -339,6 +339,7 @@ fn drive(
     DriveBlueprint {
         axes: behaviours,
         axis_increment: AXIS_INCREMENT,
+        diagnosis: None,
         status_object: None,
         note: None,
         limits: PdoLimits {

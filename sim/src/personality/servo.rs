@@ -107,6 +107,7 @@ pub struct Servo {
     sm_synchronous: bool,
     alias: u16,
     objects: Vec<PlainObject>,
+    diagnosis: Option<u8>,
     pub(super) pdos: super::servo_pdos::Changes,
 }
 
@@ -122,6 +123,7 @@ impl Servo {
             sm_synchronous: false,
             alias: 0,
             objects: Vec::new(),
+            diagnosis: None,
             pdos: super::servo_pdos::Changes::default(),
         };
         servo.plant(Plant::default())
@@ -191,6 +193,13 @@ impl Servo {
     #[must_use]
     pub fn object(mut self, object: PlainObject) -> Self {
         self.objects.push(object);
+        self
+    }
+
+    /// Gives the drive a diagnosis history (10F3h) with room for so many messages. No document of the drives here names one.
+    #[must_use]
+    pub fn diagnosis_history(mut self, messages: u8) -> Self {
+        self.diagnosis = Some(messages);
         self
     }
 
@@ -408,6 +417,7 @@ impl Servo {
             pdo_habits: self.pdos.habits,
             objects: self.objects,
             shows_only_these: false,
+            diagnosis: self.diagnosis,
             saves: self.model.saves,
             software_version: "simulated".to_owned(),
             hardware_version: "simulated".to_owned(),

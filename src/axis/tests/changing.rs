@@ -253,7 +253,13 @@ fn what_ends_everything_ends_a_change_of_mode() {
     let mut drive = Played::enabled(Played::config());
     let selecting = drive.submit(TO_HOMING);
     drive.shows(FAULT);
-    assert_eq!(drive.outcome(selecting), refused(Failure::Fault { code }));
+    assert_eq!(
+        drive.outcome(selecting),
+        refused(Failure::Fault {
+            code,
+            following_error: false
+        })
+    );
     assert_eq!(drive.outputs[6], 1);
 }
 
@@ -312,11 +318,17 @@ fn a_motion_is_refused_for_what_is_in_its_way() {
             }
         };
         let code = None;
-        each(Failure::Fault { code }, &|| {
-            let mut drive = enabled();
-            drive.shows(FAULT);
-            (drive, mode)
-        });
+        each(
+            Failure::Fault {
+                code,
+                following_error: false,
+            },
+            &|| {
+                let mut drive = enabled();
+                drive.shows(FAULT);
+                (drive, mode)
+            },
+        );
         each(Failure::QUICK_STOPPED, &|| {
             let mut drive = enabled();
             drive.submit(Command::QuickStop);

@@ -549,7 +549,13 @@ mod resetting {
         // Each edge's time, and the pause.
         assert_eq!(lengths, [1, 30, 100, 30, 100, 30]);
         let code = Some(0x8611);
-        assert_eq!(drive.outcome(id), Some(Err(Failure::Fault { code })));
+        assert_eq!(
+            drive.outcome(id),
+            Some(Err(Failure::Fault {
+                code,
+                following_error: false
+            }))
+        );
         drive.shows_for(300, FAULT);
         assert_eq!(drive.word(), LOW);
     }
@@ -610,7 +616,13 @@ mod resetting {
         assert_eq!(drive.outcome(id), None);
         drive.shows(FAULT);
         let code = None;
-        assert_eq!(drive.outcome(id), Some(Err(Failure::Fault { code })));
+        assert_eq!(
+            drive.outcome(id),
+            Some(Err(Failure::Fault {
+                code,
+                following_error: false
+            }))
+        );
     }
 
     #[test]
@@ -698,7 +710,10 @@ mod resetting {
         let code = None;
         assert_eq!(
             drive.answer(Command::Enable),
-            Some(Err(Failure::Fault { code }))
+            Some(Err(Failure::Fault {
+                code,
+                following_error: false
+            }))
         );
         assert_eq!((drive.word(), drive.outcome(id)), (RESET, None));
         drive.shows(SWITCHED_ON);

@@ -276,7 +276,13 @@ fn a_fault_ends_whatever_leads_the_axis_somewhere() {
         };
         let id = drive.submit(command);
         drive.shows(FAULT);
-        assert_eq!(drive.outcome(id), Some(Err(Failure::Fault { code })));
+        assert_eq!(
+            drive.outcome(id),
+            Some(Err(Failure::Fault {
+                code,
+                following_error: false
+            }))
+        );
     }
 }
 
@@ -320,7 +326,13 @@ fn a_wrong_word_in_a_reset_costs_neither_the_stop_nor_the_reset() {
     drive.shows_for(60, FAULT);
     drive.cycles_until(0x80, FAULT);
     let code = None;
-    assert_eq!(drive.outcome(stopping), Some(Err(Failure::Fault { code })));
+    assert_eq!(
+        drive.outcome(stopping),
+        Some(Err(Failure::Fault {
+            code,
+            following_error: false
+        }))
+    );
     drive.shows_for(5, SWITCH_ON_DISABLED);
     assert_eq!(drive.outcome(resetting), stopped(State::SwitchOnDisabled));
 }
@@ -350,5 +362,11 @@ fn a_disable_that_a_fault_overtakes_fails_at_standstill() {
     drive.velocity = 0;
     drive.shows_for(30, FAULT);
     let code = None;
-    assert_eq!(drive.outcome(disabling), Some(Err(Failure::Fault { code })));
+    assert_eq!(
+        drive.outcome(disabling),
+        Some(Err(Failure::Fault {
+            code,
+            following_error: false
+        }))
+    );
 }

@@ -221,7 +221,13 @@ fn a_fault_of_a_moving_axis_lets_whoever_stops_it_wait_for_its_rest() {
     drive.velocity = 0;
     drive.shows_for(30, FAULT);
     let code = None;
-    assert_eq!(drive.outcome(stopping), Some(Err(Failure::Fault { code })));
+    assert_eq!(
+        drive.outcome(stopping),
+        Some(Err(Failure::Fault {
+            code,
+            following_error: false
+        }))
+    );
     assert_eq!(drive.outcome(late), stopped(State::Fault));
 }
 
@@ -585,7 +591,10 @@ fn a_drive_that_leaves_its_fault_reaction_for_operation_enabled_is_stopped() {
     for cycles in [1, 5] {
         let (mut drive, moving) = Played::moving(Played::config(), 100_000);
         drive.shows_for(cycles, FAULT_REACTION);
-        let failure = Failure::Fault { code: None };
+        let failure = Failure::Fault {
+            code: None,
+            following_error: false,
+        };
         assert_eq!(drive.outcome(moving), Some(Err(failure)), "{cycles}");
         drive.shows(ENABLED);
         assert_eq!(drive.word(), QUICK_STOP, "{cycles}");
@@ -604,7 +613,13 @@ fn whoever_stopped_an_axis_before_its_fault_is_told_when_it_stands() {
     drive.velocity = 0;
     drive.shows_for(30, FAULT);
     let code = None;
-    assert_eq!(drive.outcome(stopping), Some(Err(Failure::Fault { code })));
+    assert_eq!(
+        drive.outcome(stopping),
+        Some(Err(Failure::Fault {
+            code,
+            following_error: false
+        }))
+    );
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::{
     Referencing,
     axis::{Deadlines, Loss, Tolerances},
     bus::{clocks::DistributedClock, expected::Expected},
-    coe::{AnyObject, DriveId},
+    coe::{AnyObject, DriveId, ErrorTexts},
     drives::{DriveDescription, FurtherObject},
     ds402::Mode,
     parameters::{StartUpLines, StartUpList},
@@ -103,6 +103,26 @@ impl DriveConfig {
     #[cfg(feature = "esi")]
     pub fn from_esi(device: &crate::esi::EsiDevice) -> Result<Self, crate::esi::EsiDriveError> {
         Ok(Self::new(device.description()?).start_up(device.start_up_list()?))
+    }
+
+    /// What error codes of the drive mean by its maker's manual, beside what the description has. The texts stand in the errors of its
+    /// axes, in its emergencies and in its history.
+    ///
+    /// ```
+    /// # #[cfg(feature = "files")]
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use servocrab::{DriveConfig, coe::ErrorTexts, drives};
+    /// let texts = ErrorTexts::from_toml("FF01h = \"brake resistor missing\"", "alarms.toml")?;
+    /// let drive = DriveConfig::new(drives::generic()).error_texts(texts).axis("x");
+    /// # Ok(())
+    /// # }
+    /// # #[cfg(not(feature = "files"))]
+    /// # fn main() {}
+    /// ```
+    #[must_use]
+    pub fn error_texts(mut self, texts: ErrorTexts) -> Self {
+        self.description.error_texts.extend(texts);
+        self
     }
 
     /// Only a drive of this revision is the one.

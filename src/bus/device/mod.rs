@@ -594,6 +594,7 @@ pub(in crate::bus) struct Mailbox {
     pub sdo: SdoHandle,
     pub emergencies: Emergencies,
     pub signal: MailboxSignal,
+    pub error_texts: Arc<ErrorTexts>,
 }
 
 /// Begins to serve a SubDevice's mailbox; none if it has no CoE.
@@ -602,6 +603,7 @@ pub(in crate::bus) fn serve_mailbox(
     found: &Found,
     error_texts: ErrorTexts,
 ) -> Option<Mailbox> {
+    let error_texts = Arc::new(error_texts);
     let mailbox = found
         .sii
         .mailbox
@@ -615,7 +617,7 @@ pub(in crate::bus) fn serve_mailbox(
     );
     let log = context.log.clone();
     let client = client
-        .with_error_texts(error_texts)
+        .with_error_texts(Arc::clone(&error_texts))
         .reporting_to(context.emergencies.0.clone())
         .noting_to(Arc::new(move |at, note| {
             log.record(at, LogRecord::MailboxMessage(note));
@@ -626,6 +628,7 @@ pub(in crate::bus) fn serve_mailbox(
         sdo,
         emergencies,
         signal,
+        error_texts,
     })
 }
 

@@ -125,6 +125,7 @@ impl Axes {
                     scale: axis.scale,
                     layout: drive.layout.clone(),
                     parameters: Arc::new(Parameters(mailbox.sdo.clone())),
+                    error_texts: Arc::clone(&mailbox.error_texts),
                     groups: queue.clone(),
                     index: axes.len(),
                 };

@@ -40,7 +40,7 @@ use super::{
 use crate::{
     Axis, AxisError, Failure, StopRequest,
     axis::{AxisSource, AxisStatistics, Liveness},
-    coe::{DriveId, Emergencies, SdoHandle},
+    coe::{DriveHistory, DriveId, Emergencies, SdoHandle},
     units::Unit,
     wakes::Waiters,
 };
@@ -246,6 +246,15 @@ impl Network {
     pub fn emergencies(&self, place: impl Into<DevicePlace>) -> Option<Emergencies> {
         self.drive(place.into())
             .map(|drive| drive.emergencies.clone())
+    }
+
+    /// What the drive at this position in the line, or at the place by which it was declared, remembers of its errors (1003h, 10F3h);
+    /// `None` if no drive was declared there. Nothing is read, and nothing cleared, by this.
+    #[must_use]
+    pub fn history(&self, place: impl Into<DevicePlace>) -> Option<DriveHistory> {
+        let drive = self.drive(place.into())?;
+        let texts = Arc::clone(&drive.error_texts);
+        Some(DriveHistory::new(drive.sdo.clone(), texts))
     }
 
     /// The emergencies of all drives, from the bring-up on, in the order in which they were read: the same ones as of each

@@ -33,7 +33,7 @@ use crate::{
         requests::{Context, registers},
         watch::{self, Control, MiscountWatch, Question, at_once, look, read_state},
     },
-    coe::{DriveId, Emergencies, SdoHandle},
+    coe::{DriveId, Emergencies, ErrorTexts, SdoHandle},
     esc,
     wakes::WakeStatistics,
 };
@@ -74,6 +74,7 @@ pub(in crate::bus) struct StartedDrive {
     pub in_exchange: usize,
     pub sdo: SdoHandle,
     pub emergencies: Emergencies,
+    pub error_texts: Arc<ErrorTexts>,
 }
 
 /// Leads the network, and ends the loop.
@@ -179,6 +180,7 @@ async fn start(
             in_exchange,
             sdo: mailbox.sdo.clone(),
             emergencies: mailbox.emergencies.clone(),
+            error_texts: Arc::clone(&mailbox.error_texts),
         })
     });
     let to_program = Started {

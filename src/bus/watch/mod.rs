@@ -465,7 +465,9 @@ fn note_changes(
         let had_fault = before.is_some_and(|seen| seen.state.is_fault());
         note(match snapshot.state.is_fault() {
             true if had_fault => AxisChange::InFault,
-            true => AxisChange::Fault,
+            true => AxisChange::Fault {
+                following_error: snapshot.shows_following_error(),
+            },
             false => AxisChange::State,
         });
     }

@@ -248,7 +248,7 @@ fn the_text_is_the_drives_own_where_its_description_has_one() {
         texts,
         [
             "alarm A.710",
-            "a text of this drive",
+            "position; a text of this drive",
             "DC link under-voltage"
         ]
     );
@@ -322,7 +322,10 @@ fn a_fault_that_ends_a_move_names_the_emergencys_code() {
     assert!(
         matches!(
             error.kind,
-            AxisErrorKind::Failed(Failure::Fault { code: Some(0x8611) })
+            AxisErrorKind::Failed(Failure::Fault {
+                code: Some(0x8611),
+                following_error: false
+            })
         ),
         "603Fh is not mapped: {error}"
     );

@@ -339,7 +339,7 @@ fn in_words(error: &AxisError) -> String {
         AxisErrorKind::Failed(Failure::Unsupported(Unsupported::Start { buffer_mode, .. })) => {
             format!("Unsupported {buffer_mode:?}")
         }
-        AxisErrorKind::Failed(Failure::Fault { code }) => {
+        AxisErrorKind::Failed(Failure::Fault { code, .. }) => {
             format!("Fault {:04X}h", code.unwrap_or(0))
         }
         AxisErrorKind::Failed(Failure::Unsupported(Unsupported::ProfileType {

@@ -57,6 +57,7 @@ fn drive_with_the_akds_mapping() -> Device {
         drive: Some(DriveBlueprint {
             axes: vec![Behaviour::akd2g()],
             axis_increment: 0x0800,
+            diagnosis: None,
             status_object: None,
             note: None,
             limits: PdoLimits {

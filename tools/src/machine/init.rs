@@ -161,6 +161,7 @@ async fn found(
         clock_bits: device.clock_bits,
         assign_activate: None,
         esi: None,
+        alarms: None,
         absent: Vec::new(),
         axes: Vec::new(),
         points: Vec::new(),

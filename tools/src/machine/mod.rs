@@ -12,7 +12,7 @@ use serde::Deserialize;
 use servocrab::{
     DriveConfig,
     bus::{DistributedClock, Expected, IoConfig, NetworkBuilder},
-    coe::{AnyObject, DriveId, ObjectAddress},
+    coe::{AnyObject, DriveId, ErrorTexts, ObjectAddress},
     drives::{self, DriveDescription},
     esi::Esi,
     sii::Identity,
@@ -119,6 +119,8 @@ pub(crate) struct Device {
     /// By which it is synchronised; without it, it is not.
     pub(crate) assign_activate: Option<u16>,
     pub(crate) esi: Option<PathBuf>,
+    /// What the drive's error codes mean, by a file beside this one.
+    pub(crate) alarms: Option<PathBuf>,
     /// Objects of the profile that a plain drive does not have.
     #[serde(default)]
     pub(crate) absent: Vec<Address>,
@@ -194,6 +196,9 @@ impl Machine {
                 (Kind::Esi, Some(_)) | (_, None) => {}
                 (_, Some(_)) => return wrong("esi = is for a device of kind = \"esi\""),
             }
+            if device.alarms.is_some() && !device.kind.is_drive() {
+                return wrong("alarms = is for a drive");
+            }
             if device.axes.len() > 8 {
                 return wrong("axes: a drive has eight at most");
             }
@@ -241,6 +246,10 @@ impl Machine {
     /// A drive of the line, without its axes.
     pub(crate) fn drive(&self, device: &Device) -> Result<DriveConfig, Failure> {
         let mut drive = self.described(device)?.revision(device.revision);
+        if let Some(file) = &device.alarms {
+            let texts = ErrorTexts::load(self.directory.join(file))?;
+            drive = drive.error_texts(texts);
+        }
         if device.serial != 0 {
             drive = drive.serial(device.serial);
         }
@@ -371,6 +380,10 @@ mod tests {
                 "is for a device of kind",
             ),
             (format!("{device}kind = \"drive\""), "unknown variant"),
+            (
+                format!("{device}kind = \"io\"\nalarms = \"a.toml\""),
+                "is for a drive",
+            ),
             (
                 format!("{device}kind = \"io\"\nclock_bits = 16"),
                 "expected 32 or 64",

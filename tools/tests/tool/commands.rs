@@ -226,6 +226,39 @@ fn simulator() -> PathBuf {
 }
 
 #[test]
+fn a_following_error_is_in_the_history_with_the_makers_text_until_it_is_cleared() {
+    if !inside_namespace(
+        "commands::a_following_error_is_in_the_history_with_the_makers_text_until_it_is_cleared",
+    ) {
+        return;
+    }
+    let _line = simulated(&simulator(), &["akd2g"], 120, None);
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("alarms.toml");
+    std::fs::write(&file, "8611h = \"F6001\"\n").unwrap();
+    let alarms = format!("--interface master0 --alarms {}", file.display());
+    assert_eq!(with_code(0, "history --interface master0"), "no errors\n");
+    with_code(0, "od --interface master0 write 6065h 1");
+    let moved = servocrab(
+        "move --interface master0 --axis 0-1 --by 50000 --velocity 500000 --yes --watchdog-ms 2000",
+    );
+    assert_eq!(moved.code, Some(2), "{}", moved.output);
+    let why = "with following error (statusword bit 13): 8611h (following error); the maker says: F6001 following error magnitude";
+    assert!(moved.errors.contains(why), "{}", moved.errors);
+    let shown = with_code(0, &format!("history {alarms}"));
+    assert!(shown.contains("8611h (following error; F6001)"), "{shown}");
+    // Shown once more, and gone after that.
+    let refused = servocrab("history --interface master0 --clear");
+    assert_eq!(refused.code, Some(2), "{}", refused.output);
+    let record = json("history --interface master0 --clear --yes");
+    assert_eq!(record["errors"][0]["code"], 0x8611);
+    assert_eq!(
+        json("history --interface master0"),
+        serde_json::json!({"errors": [], "diagnosis": null})
+    );
+}
+
+#[test]
 fn parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind() {
     if !inside_namespace("commands::parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind")
     {
