@@ -24,7 +24,7 @@ use servocrab_sim::ds402::{Axis, Behaviour, Executed, Plant};
 use frames::{Late, value};
 
 /// Position window 6067h of the drives, in counts, and of the axes.
-const WINDOW: i32 = 10;
+pub const WINDOW: i32 = 10;
 
 pub const CYCLE: Duration = Duration::from_millis(1);
 

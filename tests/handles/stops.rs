@@ -49,6 +49,34 @@ fn a_halted_move_says_so_once_and_goes_on_to_its_target_after_resume() {
 }
 
 #[test]
+fn an_axis_is_stopped_and_held_where_its_drive_can_do_that() {
+    let mut variant = Variant::default();
+    variant.traits.acknowledges_while_halted = true;
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(20_000, SetPoint::new()))
+        .unwrap();
+    machine.run(20);
+    machine.finish(axis.stop_and_hold()).unwrap();
+    assert!(machine.stands());
+    let replaced = machine.finish(moved.done()).unwrap_err();
+    assert_eq!(replaced.failure(), Some(Failure::Superseded));
+    assert_eq!(axis.status().state, State::OperationEnabled);
+    let next = machine.finish(pp.move_abs(0, SetPoint::new())).unwrap();
+    at_target(machine.finish(next.done()).unwrap(), 0);
+
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(20_000, SetPoint::new()))
+        .unwrap();
+    let refused = machine.finish(axis.stop_and_hold()).unwrap_err();
+    assert!(refused.to_string().contains("stop() it"), "{refused}");
+    at_target(machine.finish(moved.done()).unwrap(), 20_000);
+}
+
+#[test]
 fn all_who_wait_for_a_move_hear_that_it_was_halted() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();

@@ -12,6 +12,7 @@ use common::{differential, frames};
 mod arithmetic;
 mod drives;
 mod enabling;
+mod holding;
 mod lagging;
 mod matrix;
 mod modulo;

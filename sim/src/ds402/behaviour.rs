@@ -36,6 +36,17 @@ pub enum WhileMoving {
     TakenAfterArrival,
 }
 
+/// What happens to a rise of bit 4 while bit 8 is high.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WhileHalted {
+    /// The set-point is taken and acknowledged, and begins when bit 8 falls.
+    Takes,
+    /// Nothing: it takes another rise after the halt.
+    Ignores,
+    /// The set-point is taken when bit 8 falls, if bit 4 is still high then.
+    TakesAtRelease,
+}
+
 /// What happens to a set-point with bit 5 = 0 that finds the buffer full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FullBuffer {
@@ -194,6 +205,8 @@ pub struct Behaviour {
     pub reached: ReachedPolicy,
     /// Halt keeps the set-points and continues them when bit 8 falls; else it discards them.
     pub halt_keeps: bool,
+    /// What it does with a set-point that comes during a halt.
+    pub while_halted: WhileHalted,
     /// A bit 4 that is already high when profile position mode becomes active starts a move (Nanotec).
     pub edge_at_mode_change: bool,
     /// A mode change is refused while bit 8 is set.

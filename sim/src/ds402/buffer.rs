@@ -17,6 +17,8 @@ pub(super) struct Buffer {
     pub(super) ack_due: Option<u32>,
     /// Cycles until a rising edge of bit 4 passes the filter.
     pub(super) edge_due: Option<u32>,
+    /// Bit 4 rose during a halt, and is high since.
+    pub(super) edge_at_halt: bool,
     /// A single set-point is asked for, and is taken after arrival.
     pub(super) asked: bool,
     /// When the active set-point sets off, while it waits for that.

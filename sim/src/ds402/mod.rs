@@ -53,7 +53,7 @@ pub use axis::{AckFault, Axis, Disturbances};
 pub use behaviour::{
     AckPolicy, Behaviour, Bit5, FactorChange, FollowingError, FullBuffer, HOMING_METHODS,
     HomeOffset, LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase,
-    WhileMoving,
+    WhileHalted, WhileMoving,
 };
 pub use emergency::Emergency;
 pub use ledger::{

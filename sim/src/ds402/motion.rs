@@ -1,7 +1,9 @@
 //! Profile position mode: the handshake of bits 4 and 12, the set-points one after the other, and halt.
 
 use super::axis::{AckFault, Axis};
-use super::behaviour::{AckPolicy, Bit5, FullBuffer, LimitViolation, ModeZero, WhileMoving};
+use super::behaviour::{
+    AckPolicy, Bit5, FullBuffer, LimitViolation, ModeZero, WhileHalted, WhileMoving,
+};
 use super::emergency;
 use super::ledger::{Cause, Outcome};
 use super::objects;
@@ -93,6 +95,7 @@ impl Axis {
         if controlword & 0x0010 == 0 {
             self.buffer.low_word = controlword;
         }
+        let rise = self.counting_rise(controlword & 0x0010 != 0, rise);
         if can_take && self.may_take(controlword, rise) {
             let word = if self.behaviour.start_bits_before_edge {
                 controlword & !START_BITS | self.buffer.low_word & START_BITS
@@ -107,6 +110,20 @@ impl Axis {
             // A set-point that leads nowhere is done in the cycle that took it.
             while self.finish_active() {
                 self.start_active();
+            }
+        }
+    }
+
+    /// Whether bit 4 counts as rising in this cycle: one that has risen during a halt may count later, or never.
+    fn counting_rise(&mut self, bit_4: bool, rise: bool) -> bool {
+        let halted = self.buffer.halted;
+        match self.behaviour.while_halted {
+            WhileHalted::Takes => rise,
+            WhileHalted::Ignores => rise && !halted,
+            WhileHalted::TakesAtRelease => {
+                let waits = bit_4 && (rise || self.buffer.edge_at_halt);
+                self.buffer.edge_at_halt = waits && halted;
+                waits && !halted
             }
         }
     }

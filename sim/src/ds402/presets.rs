@@ -6,7 +6,7 @@ use core::time::Duration;
 use super::behaviour::{
     AckPolicy, Behaviour, Bit5, FactorChange, FollowingError, FullBuffer, HOMING_METHODS,
     HomeOffset, LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase,
-    WhileMoving,
+    WhileHalted, WhileMoving,
 };
 use super::entries::factor;
 use super::machine::Machine;
@@ -90,6 +90,7 @@ impl Behaviour {
             relative_base: RelativeBase::PositioningOption,
             reached: ReachedPolicy::WindowAfterEnd,
             halt_keeps: true,
+            while_halted: WhileHalted::Takes,
             edge_at_mode_change: false,
             halt_blocks_mode_change: false,
             motion_blocks_mode_change: false,
