@@ -5,7 +5,7 @@ use bitflags::bitflags;
 use crate::{
     ds402::Mode,
     homing::HomingCommand,
-    profile_position::{Limits, MoveCommand},
+    profile_position::{Limits, MoveCommand, VelocityOverride},
     profile_velocity::JogSetPoint,
 };
 
@@ -48,6 +48,8 @@ pub enum Command {
     CheckJog(i32),
     /// What moves are checked against from now on.
     SetLimits(Limits),
+    /// How much faster or slower than asked for moves are from now on, and the one under way where its drive can do that.
+    SetOverride(VelocityOverride),
     /// Bit 8: pause, keeping the set-point.
     Halt,
     /// Bit 8, and at standstill a set-point to where the axis stands, then bit 8 low: the kept set-points are gone, and it stays enabled. It
@@ -89,6 +91,7 @@ impl Command {
             | Self::SelectMode(_)
             | Self::PrepareMode(_)
             | Self::SetLimits(_)
+            | Self::SetOverride(_)
             | Self::Halt
             | Self::Stop
             | Self::QuickStop

@@ -7,6 +7,7 @@ use crate::{
     homing::HomingCommand,
     profile_position::{
         CommandId, Completion, Delivery, MoveCommand, Reference, StartBits, Unsupported,
+        VelocityOverride,
     },
     profile_velocity::JogSetPoint,
 };
@@ -44,6 +45,10 @@ impl Machines {
             }
             // The core has them already.
             Command::SetLimits(_) => self.done(id, Ok(Completion::Done)),
+            Command::SetOverride(factor) => {
+                let answer = self.set_override(step.config, factor);
+                self.done(id, asked(answer));
+            }
             Command::Halt => self.halt(step, id),
             Command::Hold => self.hold(step, id),
             Command::Resume => self.resume(step, id),
@@ -195,6 +200,18 @@ impl Machines {
             Err(failure) => self.done(id, Err(failure)),
             Ok(()) => self.modes.jogging.submit(id, set_point, &mut self.events.0),
         }
+    }
+
+    /// Refused where a move that waits or is under way would be faster than max profile velocity 607Fh.
+    fn set_override(&mut self, config: &CoreConfig, factor: VelocityOverride) -> Answer {
+        if config.fields.velocity.is_none() {
+            return Err(not_mapped("profile velocity 6081h"));
+        }
+        let sequencer = &mut self.modes.sequencer;
+        let fastest = sequencer.fastest().map(|velocity| factor.of(velocity));
+        config.limits.check_velocity(fastest)?;
+        sequencer.set_override(factor, &config.traits);
+        Ok(())
     }
 
     fn halt(&mut self, step: &Step<'_>, id: CommandId) {
@@ -407,7 +424,8 @@ impl Machines {
     /// What the drive's limits say of a move. Where a relative one ends shows when its turn comes.
     fn check_limits(&self, config: &CoreConfig, command: &MoveCommand) -> Answer {
         let limits = &config.limits;
-        let parameters = &command.set_point.parameters;
+        let factor = self.modes.sequencer.velocity_override();
+        let parameters = factor.apply(&command.set_point.parameters);
         limits.check_velocity(parameters.velocity)?;
         limits.check_velocity(parameters.end_velocity)?;
         match command.reference {

@@ -157,7 +157,7 @@ impl Modes {
 
     /// Profile parameters of the next outputs: of a jog its ramps in place of those of the moves.
     pub fn parameters(&self) -> Parameters {
-        let held = *self.sequencer.parameters();
+        let held = self.sequencer.outgoing();
         if self.active != Mode::ProfileVelocity {
             return held;
         }

@@ -10,12 +10,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::{
     Failure, StopRequest,
+    axis::ParameterFault,
     axis::{Command, CommandedMode, Completion, DriveSettings, Snapshot},
     coe::{
         AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError, Transfer, obj,
     },
     ds402::{Controlword, Mode, State},
-    profile_position::{Limits, PositionRange},
+    profile_position::{Limits, PositionRange, VelocityOverride},
     units::{AxisUnit, Counts, DriveUnits, Factors, Ratio, Scale, ScaleError, Unit},
 };
 
@@ -335,6 +336,26 @@ impl<U: AxisUnit> Axis<U> {
     pub async fn stop_and_hold(&self) -> Result<(), AxisError> {
         self.stop_by(Command::Hold).await?;
         self.trace("stopped, and held");
+        Ok(())
+    }
+
+    /// Makes moves so much faster or slower than asked for, 0.05 to 2: their profile velocity 6081h and end velocity 6082h. PLCopen calls it
+    /// `MC_SetOverride`. It holds until it is set anew, for the moves that are sent from now on, and for the one under way where
+    /// [`Traits::takes_velocity_at_once`](crate::profile_position::Traits::takes_velocity_at_once) says that its drive takes that. No
+    /// set-point is sent again for it. To stop, [`halt`](Self::halt).
+    ///
+    /// # Errors
+    /// Nothing changes, and [`Failure::Parameter`](crate::Failure::Parameter) says that the factor is out of range or 6081h is not in the
+    /// process data, or [`Failure::BeyondLimit`](crate::Failure::BeyondLimit) that a move would be faster than 607Fh.
+    pub async fn set_override(&self, factor: f64) -> Result<(), AxisError> {
+        let factor = VelocityOverride::new(factor).ok_or_else(|| {
+            let fault = ParameterFault::OutOfRange("0.05 to 2; to stop the axis, halt() it");
+            let name = "the override";
+            let refused = Failure::Parameter { name, fault };
+            self.handles.shared.error(AxisErrorKind::Failed(refused))
+        })?;
+        self.run(Command::SetOverride(factor)).await?;
+        self.trace("override set");
         Ok(())
     }
 

@@ -54,6 +54,11 @@ impl PendingMoves {
         self.places.get(self.turn()).and_then(Option::as_ref)
     }
 
+    /// All that wait.
+    pub fn iter(&self) -> impl Iterator<Item = &Request> {
+        self.places.iter().flatten()
+    }
+
     /// The one that was asked for last, and is not overtaken.
     pub fn last(&self) -> Option<&Request> {
         self.places.iter().skip(self.overtaken).flatten().last()

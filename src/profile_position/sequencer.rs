@@ -12,7 +12,7 @@ use crate::{
 use super::{
     Behind, Bit, Bounds, BufferMode, BufferSignal, CommandId, Cycle, Delivery, Ends, Event, Events,
     Failure, HeldSetPoint, Known, MoveCommand, Observer, OnItsWay, Parameters, Quiet, Reference,
-    RelativeBase, Rules, StartBits, Traits, Unsupported, WaitingFor,
+    RelativeBase, Rules, StartBits, Traits, Unsupported, VelocityOverride, WaitingFor,
     handshake::{Handshake, HandshakeStep, Raised, Sent, Stage},
     pending::{PendingMoves, Request},
 };
@@ -29,6 +29,9 @@ pub(crate) struct Sequencer {
     ahead: UntilSeen,
     target: i32,
     parameters: Parameters,
+    /// The override that was asked for, and that of the parameters in the outputs.
+    wanted: VelocityOverride,
+    applied: VelocityOverride,
     /// While bit 12 alone is in the way of the move whose turn it is.
     blocked: Option<Timer>,
     armed: Option<CommandId>,
@@ -55,6 +58,8 @@ impl Sequencer {
             ahead: UntilSeen::SEEN,
             target: 0,
             parameters,
+            wanted: VelocityOverride::NONE,
+            applied: VelocityOverride::NONE,
             blocked: None,
             armed: None,
             needs_stop: false,
@@ -71,9 +76,39 @@ impl Sequencer {
         self.target
     }
 
-    /// Profile parameters of the next outputs.
+    /// Profile parameters of the last move, as it was asked for.
     pub const fn parameters(&self) -> &Parameters {
         &self.parameters
+    }
+
+    /// Profile parameters of the next outputs.
+    pub fn outgoing(&self) -> Parameters {
+        self.applied.apply(&self.parameters)
+    }
+
+    pub const fn velocity_override(&self) -> VelocityOverride {
+        self.wanted
+    }
+
+    /// From the next set-point on, and at once where the drive takes that.
+    pub const fn set_override(&mut self, factor: VelocityOverride, traits: &Traits) {
+        self.wanted = factor;
+        self.follow_override(traits);
+    }
+
+    /// The fastest profile velocity of the moves that wait, and of the last one that was sent.
+    pub fn fastest(&self) -> Option<u32> {
+        let waiting = self.pending.iter();
+        let waiting = waiting.map(|request| request.command.set_point.parameters.velocity);
+        let sent = self.parameters.velocity.filter(|_| self.has_set_point());
+        waiting.chain([sent]).flatten().max()
+    }
+
+    /// Under a high bit 4 the parameters stay as they are.
+    const fn follow_override(&mut self, traits: &Traits) {
+        if traits.takes_velocity_at_once && self.handshake.is_low() {
+            self.applied = self.wanted;
+        }
     }
 
     /// The target follows the axis while no set-point can be active: whoever looks at it later finds no jump.
@@ -231,6 +266,7 @@ impl Sequencer {
     pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
         let was_low = self.handshake.is_low();
         let answer = self.handshake.step(cycle);
+        self.follow_override(cycle.rules.traits);
         if !was_low {
             self.fall_of_bit_4();
         }
@@ -437,6 +473,7 @@ impl Sequencer {
         self.bits = start_bits(command, rules.traits).with_new_set_point();
         self.target = command.target;
         self.parameters = command.set_point.parameters;
+        self.applied = self.wanted;
     }
 
     fn drop_unsent(&mut self, failure: Failure, events: &mut Events) {

@@ -177,6 +177,55 @@ impl<U: AxisUnit> Default for Parameters<U> {
     }
 }
 
+/// How much faster or slower than asked for moves are: 0.05 to 2, in thousandths.
+///
+/// ```
+/// use servocrab::profile_position::VelocityOverride;
+/// let half = VelocityOverride::new(0.5).expect("within 0.05 and 2");
+/// assert_eq!(half.of(9_000), 4_500);
+/// assert!(VelocityOverride::new(0.0).is_none(), "to stop an axis halt it");
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct VelocityOverride(u16);
+
+impl VelocityOverride {
+    /// As asked for.
+    pub const NONE: Self = Self(1_000);
+
+    /// So much; none outside of 0.05 to 2.
+    #[must_use]
+    pub fn new(factor: f64) -> Option<Self> {
+        let allowed = (0.05..=2.0).contains(&factor);
+        allowed.then_some(Self((factor * 1_000.0 + 0.5) as u16))
+    }
+
+    /// A velocity with it, which is 1 at least.
+    #[must_use]
+    pub const fn of(self, velocity: u32) -> u32 {
+        let scaled = velocity as u64 * self.0 as u64 / 1_000;
+        if scaled == 0 {
+            return 1;
+        }
+        if scaled > u32::MAX as u64 {
+            return u32::MAX;
+        }
+        scaled as u32
+    }
+
+    /// Parameters with it: profile velocity 6081h, and end velocity 6082h where it is not 0.
+    pub(crate) fn apply(self, parameters: &Parameters) -> Parameters {
+        if self == Self::NONE {
+            return *parameters;
+        }
+        let scaled = |velocity: u32| if velocity == 0 { 0 } else { self.of(velocity) };
+        Parameters {
+            velocity: parameters.velocity.map(scaled),
+            end_velocity: parameters.end_velocity.map(scaled),
+            ..*parameters
+        }
+    }
+}
+
 /// One move: a set-point with its target. The axis core takes those in counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MoveCommand<U: AxisUnit = Counts> {

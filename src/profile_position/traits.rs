@@ -131,6 +131,8 @@ pub struct Traits {
     /// Whether it acknowledges a set-point while bit 8 is high, and goes there when bit 8 falls. False where its documents do not say: then
     /// none is sent to a halted axis.
     pub acknowledges_while_halted: bool,
+    /// Whether a change of profile velocity 6081h changes the speed of the move under way. False where its documents do not say.
+    pub takes_velocity_at_once: bool,
     /// The drive's own cycle: bit 4 must stay low for two of them where nothing shows that the drive has seen it low. With distributed
     /// clocks a `Network` takes SYNC0's cycle where that is longer.
     pub drive_cycle: Duration,
@@ -169,6 +171,7 @@ impl Traits {
             relative_base: RelativeBase::Undocumented,
             halt_keeps_set_point: true,
             acknowledges_while_halted: false,
+            takes_velocity_at_once: false,
             drive_cycle: Duration::from_millis(1),
             shows_voltage: false,
             homed: None,

@@ -233,3 +233,23 @@ fn a_zero_velocity_and_a_start_that_the_drive_lacks_are_refused_before_anything_
     ));
     assert!(machine.stations[0].sdo.written.lock().unwrap().is_empty());
 }
+
+#[test]
+fn an_override_out_of_range_or_of_a_velocity_that_is_not_mapped_is_refused() {
+    let (mut machine, axis) = Machine::enabled();
+    for factor in [0.0, 0.049, 2.001, -1.0, f64::NAN, f64::INFINITY] {
+        let refused = machine.finish(axis.set_override(factor)).unwrap_err();
+        let text = refused.to_string();
+        assert!(
+            text.contains("0.05 to 2; to stop the axis, halt() it"),
+            "{text}"
+        );
+    }
+    machine.finish(axis.set_override(0.5)).unwrap();
+    let mut variant = Variant::default();
+    variant.not_mapped.push(0x6081);
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let refused = machine.finish(axis.set_override(0.5)).unwrap_err();
+    let text = refused.to_string();
+    assert!(text.contains("6081h is not in the process data"), "{text}");
+}

@@ -18,6 +18,7 @@ mod matrix;
 mod modulo;
 mod motion_table;
 mod moves;
+mod overriding;
 mod sightings;
 mod standstill;
 mod start_bits;

@@ -203,6 +203,8 @@ pub struct Behaviour {
     pub relative_base: RelativeBase,
     /// Bit 10 of the statusword.
     pub reached: ReachedPolicy,
+    /// A change of 6081h changes the velocity of the active set-point; else each has the one that it was taken with.
+    pub velocity_at_once: bool,
     /// Halt keeps the set-points and continues them when bit 8 falls; else it discards them.
     pub halt_keeps: bool,
     /// What it does with a set-point that comes during a halt.

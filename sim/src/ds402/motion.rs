@@ -105,6 +105,9 @@ impl Axis {
             self.take_set_point(word);
         }
         self.run_acknowledge(controlword & 0x0010 != 0);
+        if can_take && self.behaviour.velocity_at_once {
+            self.follow_velocity();
+        }
         if can_take && !self.buffer.halted {
             self.start_active();
             // A set-point that leads nowhere is done in the cycle that took it.

@@ -89,6 +89,7 @@ impl Behaviour {
             full_buffer: FullBuffer::Ignore,
             relative_base: RelativeBase::PositioningOption,
             reached: ReachedPolicy::WindowAfterEnd,
+            velocity_at_once: false,
             halt_keeps: true,
             while_halted: WhileHalted::Takes,
             edge_at_mode_change: false,

@@ -65,10 +65,7 @@ impl Axis {
             return None;
         }
         let bounds = Bounds {
-            velocity: self
-                .objects
-                .velocity(objects::PROFILE_VELOCITY)
-                .min(self.objects.highest_velocity()),
+            velocity: self.profile_velocity(),
             end_velocity: self.objects.velocity(objects::END_VELOCITY),
             acceleration: self
                 .objects
@@ -196,6 +193,26 @@ impl Axis {
                 },
             );
         }
+    }
+
+    /// The active set-point goes on with what 6081h is now.
+    pub(super) fn follow_velocity(&mut self) {
+        let now = self.profile_velocity();
+        if let Some(active) = self.buffer.active.as_mut()
+            && active.bounds.velocity != now
+        {
+            active.bounds.velocity = now;
+            let active = *active;
+            if active.started && !self.buffer.halted {
+                self.run(active);
+            }
+        }
+    }
+
+    /// 6081h, within 607Fh, in counts/s.
+    fn profile_velocity(&self) -> f64 {
+        let asked = self.objects.velocity(objects::PROFILE_VELOCITY);
+        asked.min(self.objects.highest_velocity())
     }
 
     /// Lets the active set-point keep its velocity to its target where the waiting one blends: as fast as its own
