@@ -260,6 +260,7 @@ pub(crate) async fn move_axis(
             Ok(motion) => motion.done().await.map(|outcome| {
                 let how = match outcome {
                     Outcome::Passed { .. } => "passed",
+                    Outcome::Contact { .. } => "contact at",
                     _ => "reached",
                 };
                 format!(

@@ -2,12 +2,12 @@
 //! in `machines.rs`.
 
 use crate::{
-    Failure,
+    Failure, SetPoint,
     ds402::{Mode, PowerGoal, State},
     homing::HomingCommand,
     profile_position::{
-        CommandId, Completion, Delivery, MoveCommand, Reference, StartBits, Unsupported,
-        VelocityOverride,
+        BufferMode, CommandId, Completion, Delivery, MoveCommand, ParameterFault, Parameters,
+        Reference, StartBits, Unsupported, VelocityOverride,
     },
     profile_velocity::JogSetPoint,
 };
@@ -234,7 +234,7 @@ impl Machines {
         }
     }
 
-    fn wait_for_halt(&mut self, step: &Step<'_>, id: CommandId, holds: bool) {
+    pub fn wait_for_halt(&mut self, step: &Step<'_>, id: CommandId, holds: bool) {
         let left = step.deadline();
         if !self.stopping.wait(id, Wait::Halt { left, holds }) {
             self.done(id, Err(Failure::Busy));
@@ -257,22 +257,10 @@ impl Machines {
     fn check_hold(&self, step: &Step<'_>) -> Answer {
         self.check_driving(step)?;
         self.modes.check(Mode::ProfilePosition, step.mode)?;
-        let refuse = |reason| Err(Failure::Unsupported(Unsupported::Hold { reason }));
         if self.modes.sequencer.needs_stop() {
-            Err(Failure::NeedsStop)
-        } else if !step.config.traits.acknowledges_while_halted {
-            refuse("its drive is not known to take a set-point while it is halted")
-        } else if let StartBits::Unsupported(reason) = step.config.traits.immediately {
-            refuse(reason)
-        } else if self.has_unmapped_end_velocity(step.config) {
-            refuse("its end velocity 6082h is not 0, and not in the process data")
-        } else if step.bounds.turn.is_some() {
-            refuse("on a modulo axis a set-point to where it stands may lead round a turn")
-        } else if !halts_under_control(step) {
-            Err(Failure::Unsupported(Unsupported::Halt))
-        } else {
-            Ok(())
+            return Err(Failure::NeedsStop);
         }
+        can_hold(step, self.modes.sequencer.parameters())
     }
 
     fn resume(&mut self, step: &Step<'_>, id: CommandId) {
@@ -287,7 +275,10 @@ impl Machines {
             Some(Failure::QUICK_STOPPED)
         } else if !self.power.is_driving() {
             Some(Failure::NotEnabled { state })
-        } else if self.resuming.is_some() || (halted && unsent) || sequencer.is_starting() {
+        } else if self.resuming.is_some()
+            || (halted && unsent)
+            || self.stopping.halt.holds.is_some()
+        {
             Some(Failure::Busy)
         } else if !halted {
             has_motion.then_some(Failure::Moving)
@@ -345,12 +336,6 @@ impl Machines {
     }
 
     // Everything for which a motion is refused.
-
-    /// Whether the drive holds an end velocity that no frame changes.
-    fn has_unmapped_end_velocity(&self, config: &CoreConfig) -> bool {
-        let held = self.modes.sequencer.parameters().end_velocity;
-        config.fields.end_velocity.is_none() && held.is_some_and(|velocity| velocity != 0)
-    }
 
     /// What every motion needs.
     fn check_driving(&self, step: &Step<'_>) -> Answer {
@@ -470,6 +455,7 @@ impl Machines {
         let parameters = &mut command.set_point.parameters;
         *parameters = config.fields.complete(parameters, &config.defaults)?;
         self.check_profile_type(config, &command)?;
+        check_contact(step, &command.set_point)?;
         Ok(command)
     }
 
@@ -509,4 +495,52 @@ impl Machines {
 pub(super) fn check_jog_velocity(config: &CoreConfig, velocity: i32) -> Answer {
     let speed = velocity.unsigned_abs();
     config.limits.check_velocity(Some(speed))
+}
+
+/// Whether the axis can be halted and held out of a move with these parameters.
+fn can_hold(step: &Step<'_>, of: &Parameters) -> Answer {
+    let traits = &step.config.traits;
+    let refuse = |reason| Err(Failure::Unsupported(Unsupported::Hold { reason }));
+    let has_unmapped_end_velocity = step.config.fields.end_velocity.is_none()
+        && of.end_velocity.is_some_and(|velocity| velocity != 0);
+    if !traits.acknowledges_while_halted {
+        refuse("its drive is not known to take a set-point while it is halted")
+    } else if let StartBits::Unsupported(reason) = traits.immediately {
+        refuse(reason)
+    } else if has_unmapped_end_velocity {
+        refuse("its end velocity 6082h is not 0, and not in the process data")
+    } else if step.bounds.turn.is_some() {
+        refuse("on a modulo axis a set-point to where it stands may lead round a turn")
+    } else if !halts_under_control(step) {
+        Err(Failure::Unsupported(Unsupported::Halt))
+    } else {
+        Ok(())
+    }
+}
+
+/// Everything for which a move until a torque is refused.
+fn check_contact(step: &Step<'_>, set_point: &SetPoint) -> Answer {
+    let Some(contact) = set_point.contact else {
+        return Ok(());
+    };
+    let buffer_mode = set_point.buffer_mode;
+    if step.config.fields.torque.is_none() {
+        return Err(Failure::Parameter {
+            name: "torque actual value 6077h",
+            fault: ParameterFault::NotMapped,
+        });
+    }
+    if contact.torque == 0 {
+        return Err(Failure::Parameter {
+            name: "the torque that ends the move",
+            fault: ParameterFault::Zero,
+        });
+    }
+    if buffer_mode != BufferMode::Aborting {
+        return Err(Failure::Unsupported(Unsupported::Start {
+            buffer_mode,
+            reason: "a move until a torque begins at once, as Aborting",
+        }));
+    }
+    can_hold(step, &set_point.parameters)
 }

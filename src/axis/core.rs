@@ -188,14 +188,35 @@ impl AxisCore {
         };
         // The first one writes what is kept from then on.
         if counts || (answered && is_due) || number == 1 {
-            self.step_machines(now, news, outputs);
+            let torque = self.torque_awaited(&inputs);
+            self.step_machines(now, news, torque, outputs);
             return true;
         }
         false
     }
 
+    /// Torque actual value 6077h in these inputs, while it may end a move.
+    #[inline]
+    fn torque_awaited(&self, inputs: &Inputs<'_>) -> Option<i16> {
+        if !self.machines.modes.sequencer.awaits_contact() {
+            return None;
+        }
+        match inputs {
+            Inputs::Fresh(bytes) | Inputs::Answered(bytes) => {
+                self.known.config.0.fields.torque_shown(bytes)
+            }
+            Inputs::Stale => None,
+        }
+    }
+
     #[inline(never)]
-    fn step_machines(&mut self, now: Duration, news: News, outputs: &mut [u8]) {
+    fn step_machines(
+        &mut self,
+        now: Duration,
+        news: News,
+        torque: Option<i16>,
+        outputs: &mut [u8],
+    ) {
         let answered = self.known.observed.link.answered;
         let elapsed = self.known.elapse_to(now, answered);
         if answered {
@@ -205,6 +226,10 @@ impl AxisCore {
                 .note_unrest(now, waits, &self.known.bounds.0);
             let step = self.known.step(&self.machines, now, elapsed);
             self.machines.step(step);
+            if let Some(torque) = torque {
+                let step = self.known.step(&self.machines, now, elapsed);
+                self.machines.step_contact(&step, torque);
+            }
         }
         let step = self.known.between(&self.machines, now);
         match news {

@@ -52,6 +52,8 @@ pub struct AxisFields {
     pub actual_velocity: Option<usize>,
     /// Error code 603Fh, 16 bits, in the inputs.
     pub error_code: Option<usize>,
+    /// Torque actual value 6077h, 16 bits, in the inputs.
+    pub torque: Option<usize>,
 }
 
 impl AxisFields {
@@ -73,6 +75,7 @@ impl AxisFields {
             mode_display: None,
             actual_velocity: None,
             error_code: None,
+            torque: None,
         }
     }
 
@@ -123,6 +126,7 @@ impl AxisFields {
             mode_display: input(obj::MODE_OF_OPERATION_DISPLAY.into())?,
             actual_velocity: input(obj::VELOCITY_ACTUAL.into())?,
             error_code: input(obj::ERROR_CODE.into())?,
+            torque: input(obj::TORQUE_ACTUAL.into())?,
         })
     }
 
@@ -232,6 +236,12 @@ impl AxisFields {
             velocity,
             error_code,
         })
+    }
+
+    /// Torque actual value 6077h; nothing where it is not mapped, or the inputs are too short.
+    pub(super) fn torque_shown(&self, inputs: &[u8]) -> Option<i16> {
+        let at = self.torque?;
+        Some(i16::from_le_bytes(read(inputs, at)?))
     }
 
     /// Controlword and target position in the drive's outputs; nothing where they are too short.

@@ -407,11 +407,29 @@ impl Machines {
         }
     }
 
+    /// One cycle of a move that a torque ends, with torque actual value 6077h: it is halted then, and the axis is to be held.
+    pub fn step_contact(&mut self, step: &Step<'_>, torque: i16) {
+        if !self.is_stepped_in(step.state) || step.mode != Mode::ProfilePosition {
+            return;
+        }
+        let cycle = self.cycle(step);
+        let Some(id) = self.modes.sequencer.take_contact(&cycle, torque) else {
+            return;
+        };
+        let position = step.position();
+        self.events.0.push(id, Event::Contact { position, torque });
+        self.begin_halt(step);
+        self.stopping.halt.unwatched = true;
+        self.wait_for_halt(step, id, true);
+    }
+
     /// Where the drive has taken the set-point that keeps the axis where it stands, bit 8 falls.
     fn step_hold(&mut self) {
         let holds = self.stopping.halt.holds;
         if holds.is_some_and(|id| self.modes.sequencer.is_held(id)) {
             self.release_halt();
+        } else if self.modes.sequencer.needs_stop() {
+            self.stopping.halt.holds = None;
         }
     }
 

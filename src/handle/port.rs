@@ -483,6 +483,7 @@ impl AxisPort {
         let channel = request.channel();
         match event {
             Event::Accepted => request.accept(),
+            Event::Contact { position, torque } => request.note_contact(position, torque),
             Event::Halted => {
                 request.halts.fetch_add(1, Ordering::AcqRel);
             }

@@ -343,6 +343,13 @@ pub enum Outcome<U: AxisUnit = Counts> {
         /// Position actual value 6064h when it was seen.
         position: U::Signed,
     },
+    /// It met the torque that ends it ([`SetPoint::until_torque`]), and the axis is held.
+    Contact {
+        /// Position actual value 6064h when the torque had lasted.
+        position: U::Signed,
+        /// Torque actual value 6077h then, in thousandths of the rated torque.
+        torque: i16,
+    },
     /// It passed its target, into the next one that is blended into it.
     Passed {
         /// Position actual value 6064h when this was known. Where bit 12 does not show the drive's buffer the axis is then half of the way to
@@ -356,7 +363,9 @@ impl<U: AxisUnit> Outcome<U> {
     #[must_use]
     pub const fn position(&self) -> U::Signed {
         match *self {
-            Self::Reached { position } | Self::Passed { position } => position,
+            Self::Reached { position }
+            | Self::Passed { position }
+            | Self::Contact { position, .. } => position,
         }
     }
 }
@@ -366,6 +375,12 @@ impl<U: AxisUnit> fmt::Display for Outcome<U> {
         match self {
             Self::Reached { position } => write!(f, "reached {position}"),
             Self::Passed { position } => write!(f, "passed {position}"),
+            Self::Contact { position, torque } => {
+                write!(
+                    f,
+                    "contact at {position}, with {torque} ‰ of the rated torque"
+                )
+            }
         }
     }
 }
@@ -439,6 +454,14 @@ impl<U: AxisUnit> Move<U> {
     /// A move has no other way to end well.
     fn outcome_of(&self, completion: Completion) -> Result<Outcome<U>, Failure> {
         let at = |position| self.pending.unit.scale.position_in::<U>(position);
+        if let (Some((position, torque)), Completion::Reached { .. }) =
+            (self.pending.request.contact(), completion)
+        {
+            return Ok(Outcome::Contact {
+                position: at(position),
+                torque,
+            });
+        }
         match completion {
             Completion::Reached { position } => Ok(Outcome::Reached {
                 position: at(position),

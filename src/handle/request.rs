@@ -54,6 +54,8 @@ pub(super) struct AxisRequest {
     waiting: AtomicU32,
     /// How often the axis stood halted with this move's set-point kept.
     pub halts: AtomicU32,
+    /// Position and torque of the contact that ends a move.
+    contact: OnceLock<(i32, i16)>,
     /// Of a jog.
     demand: AtomicU64,
     /// Only the bus thread sets it, and nobody waits in it: that takes no lock.
@@ -75,6 +77,7 @@ impl AxisRequest {
             withdrawal: AtomicU8::new(0),
             waiting: AtomicU32::new(1),
             halts: AtomicU32::new(0),
+            contact: OnceLock::new(),
             demand: AtomicU64::new(HELD | u64::from(velocity.cast_unsigned())),
             result: OnceLock::new(),
         }
@@ -104,6 +107,11 @@ impl AxisRequest {
 
     pub fn result(&self) -> Option<Result<Completion, Failure>> {
         self.result.get().copied()
+    }
+
+    /// Position and torque when the torque was seen that has ended this move.
+    pub fn contact(&self) -> Option<(i32, i16)> {
+        self.contact.get().copied()
     }
 
     pub fn is_done(&self) -> bool {
@@ -205,6 +213,10 @@ impl AxisRequest {
     pub fn take_withdrawal(&self) -> Option<bool> {
         let is_given_up = self.withdrawal.load(Acquire) != 0;
         is_given_up.then(|| self.withdrawal.swap(0, AcqRel) == END)
+    }
+
+    pub fn note_contact(&self, position: i32, torque: i16) {
+        let _ = self.contact.set((position, torque));
     }
 
     pub fn accept(&self) {

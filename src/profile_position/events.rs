@@ -16,6 +16,13 @@ pub enum Event {
     Accepted,
     /// The axis stands halted with this move's set-point kept; `Done` follows.
     Halted,
+    /// The torque that ends the move was seen; the axis is halted to be held, and `Done` follows.
+    Contact {
+        /// Position actual value 6064h.
+        position: i32,
+        /// Torque actual value 6077h, in thousandths of the rated torque.
+        torque: i16,
+    },
     /// The last report.
     Done(Result<Completion, Failure>),
 }

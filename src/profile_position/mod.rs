@@ -34,7 +34,7 @@ pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
 use observer::{Behind, HeldSetPoint, Known, Observer, OnItsWay};
 pub(crate) use sequencer::Sequencer;
 pub(crate) use set_point::BufferMode;
-pub use set_point::{MoveCommand, Parameters, Reference, VelocityOverride};
+pub use set_point::{ContactTorque, MoveCommand, Parameters, Reference, VelocityOverride};
 pub(crate) use standstill::{LastSeen, Standstill};
 pub use traits::{BufferSignal, HomedSignal, RelativeBase, StartBits, Traits};
 

@@ -8,8 +8,8 @@
 use crate::timer::{Due, Lasting, Timer};
 
 use super::{
-    Bit, Bounds, BufferMode, CommandId, Completion, Cycle, Delivery, Doubt, Ends, Event, Events,
-    Evidence, Failure, Quiet, Rules,
+    Bit, Bounds, BufferMode, CommandId, Completion, ContactTorque, Cycle, Delivery, Doubt, Ends,
+    Event, Events, Evidence, Failure, Quiet, Rules,
 };
 
 /// Set-points that a drive holds at most (S2).
@@ -30,6 +30,16 @@ pub(crate) struct Observer {
     beyond: Lasting,
     /// Where the last set-point has led the axis, if nothing else can have moved it since.
     last_ends: Option<Ends>,
+    /// Beside those that are held: they are copied in each cycle.
+    contact: Option<Contact>,
+}
+
+/// The torque that ends a set-point, and since when that is shown.
+#[derive(Debug, Clone, Copy, Hash)]
+struct Contact {
+    of: CommandId,
+    torque: ContactTorque,
+    pressed: Lasting,
 }
 
 /// A set-point that the drive has acknowledged.
@@ -81,6 +91,8 @@ enum Report {
     Nothing,
     /// That the axis stands halted.
     Halted,
+    /// That its torque was seen: its outcome is that of the hold, and not reported here.
+    Elsewhere,
     /// Its outcome. It stays as long as the drive may hold it.
     Outcome,
 }
@@ -183,6 +195,7 @@ impl Observer {
             high: Lasting::NOT,
             beyond: Lasting::NOT,
             last_ends: None,
+            contact: None,
         }
     }
 
@@ -250,6 +263,40 @@ impl Observer {
         };
         self.rest.restart(rules.begin);
         self.beyond.restart(rules.bounds.settle);
+    }
+
+    /// A torque ends this one, which has just been taken.
+    pub fn await_contact(&mut self, of: CommandId, torque: Option<ContactTorque>) {
+        self.contact = torque.map(|torque| Contact {
+            of,
+            torque,
+            pressed: Lasting::NOT,
+        });
+    }
+
+    /// Whether a torque ends the one that is under way.
+    pub const fn awaits_contact(&self) -> bool {
+        self.contact.is_some()
+    }
+
+    /// The set-point that has just met the torque that ends it: what becomes of it is told elsewhere from now on.
+    pub fn take_contact(&mut self, cycle: &Cycle<'_>, torque: i16) -> Option<CommandId> {
+        let contact = self.contact.as_mut()?;
+        let presses = torque.unsigned_abs() >= contact.torque.torque && !cycle.halted;
+        let time = contact.torque.lasts;
+        let lasts = contact.pressed.update(presses, time, cycle.elapsed);
+        let of = contact.of;
+        let mut held = self.entries.iter_mut().flatten();
+        let is_open = |report| matches!(report, Report::Nothing | Report::Halted);
+        let Some(held) = held.find(|held| held.id == of && is_open(held.report)) else {
+            self.contact = None;
+            return None;
+        };
+        lasts.then(|| {
+            held.report = Report::Elsewhere;
+            self.contact = None;
+            of
+        })
     }
 
     /// One cycle in Operation enabled and mode 1. Whether the drive may hold a set-point that only a stop makes known (`NeedsStop`).
@@ -592,7 +639,8 @@ impl Observer {
     /// Whether this one is held, and its outcome is not reported.
     pub fn is_untold(&self, id: CommandId) -> bool {
         let mut held = self.entries.iter().flatten();
-        held.any(|entry| entry.id == id && entry.report != Report::Outcome)
+        let is_open = |report| matches!(report, Report::Nothing | Report::Halted);
+        held.any(|entry| entry.id == id && is_open(entry.report))
     }
 
     /// Whether there is one whose outcome is not reported.
@@ -611,9 +659,9 @@ impl Observer {
 
     fn report(&mut self, place: usize, outcome: Result<Completion, Failure>, events: &mut Events) {
         if let Some(Some(entry)) = self.entries.get_mut(place)
-            && entry.report != Report::Outcome
+            && let before = core::mem::replace(&mut entry.report, Report::Outcome)
+            && matches!(before, Report::Nothing | Report::Halted)
         {
-            entry.report = Report::Outcome;
             events.push(entry.id, Event::Done(outcome));
         }
     }
@@ -650,12 +698,6 @@ impl Observer {
     pub fn resumed(&mut self, rules: &Rules<'_>) {
         let under_way = self.worlds.and(Worlds::RUNNING).0 >> 1;
         self.worlds = self.worlds.or(Worlds(under_way));
-        if let [Some(first), Some(_)] = &mut self.entries
-            && first.sighting == Sighting::None
-        {
-            // It may end where the axis was halted, while bit 10 says nothing of it.
-            first.sighting = Sighting::Doubtful;
-        }
         for entry in self.entries.iter_mut().flatten() {
             entry.shown_by_way = false;
             entry.turns = true;
@@ -675,7 +717,9 @@ impl Observer {
         let lasting = [self.rest, self.high, self.beyond];
         let mut due = lasting
             .into_iter()
-            .fold(Due::NEVER, |due, lasting| due.sooner(lasting.due()));
+            .fold(Due::next_if(self.awaits_contact()), |due, lasting| {
+                due.sooner(lasting.due())
+            });
         for (place, entry) in self.entries.iter().flatten().enumerate() {
             due = due.sooner(entry.seen.due());
             if place == 0 {

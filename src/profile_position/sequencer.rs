@@ -143,11 +143,6 @@ impl Sequencer {
         self.observer.is_untold(id)
     }
 
-    /// Whether a move waits, or its set-point is on its way.
-    pub const fn is_starting(&self) -> bool {
-        !self.pending.is_empty() || !self.handshake.is_low()
-    }
-
     /// Whether only a stop makes known what the drive holds.
     pub const fn needs_stop(&self) -> bool {
         self.needs_stop
@@ -260,6 +255,16 @@ impl Sequencer {
         {
             self.raise(request, cycle);
         }
+    }
+
+    /// Whether a torque ends the move that is under way.
+    pub const fn awaits_contact(&self) -> bool {
+        self.observer.awaits_contact()
+    }
+
+    /// The move that has just met the torque that ends it.
+    pub fn take_contact(&mut self, cycle: &Cycle<'_>, torque: i16) -> Option<CommandId> {
+        self.observer.take_contact(cycle, torque)
     }
 
     /// One cycle with inputs in Operation enabled and mode 1.
@@ -383,6 +388,10 @@ impl Sequencer {
         }
         events.push(id, Event::Accepted);
         self.observer.push(entry, sent.place, &cycle.rules, events);
+        if start == BufferMode::Aborting {
+            let contact = command.set_point.contact;
+            self.observer.await_contact(id, contact);
+        }
     }
 
     /// Whether the drive holds it is not known: every move is refused from now on.

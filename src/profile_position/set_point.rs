@@ -1,6 +1,9 @@
 //! What one move asks of a drive.
 
-use core::hash::{Hash, Hasher};
+use core::{
+    hash::{Hash, Hasher},
+    time::Duration,
+};
 
 use crate::units::{AxisUnit, Counts, Quantity, Scale, ScaleError};
 
@@ -44,6 +47,17 @@ pub struct SetPoint<U: AxisUnit = Counts> {
     pub parameters: Parameters<U>,
     /// Whether the axis is halted when whoever waits for the move is dropped before its end.
     pub halt_on_drop: bool,
+    /// The torque that ends the move.
+    pub contact: Option<ContactTorque>,
+}
+
+/// The torque that ends a move, and for how long it is shown without a break.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct ContactTorque {
+    /// Torque actual value 6077h, in either direction, in thousandths of the rated torque; more than 0.
+    pub torque: u16,
+    /// For so long. One sample is enough for 0.
+    pub lasts: Duration,
 }
 
 /// Velocity, ramps and profile type of a move, in the unit of the axis.
@@ -69,6 +83,7 @@ impl<U: AxisUnit> SetPoint<U> {
             buffer_mode: BufferMode::Aborting,
             parameters: Parameters::new(),
             halt_on_drop: false,
+            contact: None,
         }
     }
 
@@ -122,6 +137,29 @@ impl<U: AxisUnit> SetPoint<U> {
         self
     }
 
+    /// Until the axis presses: the move ends as soon as torque actual value 6077h is so high in either direction, in thousandths of the
+    /// rated torque, for so long. The axis is halted with the next frame, held where it then stands
+    /// ([`Axis::stop_and_hold`](crate::Axis::stop_and_hold)), and [`Outcome::Contact`](crate::Outcome::Contact) says what was seen. It goes on
+    /// pressing with what it had at that place: the drive's own limits 6072h, 60E0h and 60E1h bound the torque. Choose `lasts` longer than
+    /// the peaks of friction and of the ramps.
+    ///
+    /// Dropped before its end the move is halted. It is refused where 6077h is not in the process data, with another buffer mode than
+    /// `Aborting`, and where the axis cannot be held.
+    ///
+    /// ```
+    /// use core::time::Duration;
+    /// use servocrab::SetPoint;
+    /// // 30 % of the rated torque for 20 ms.
+    /// let press: SetPoint = SetPoint::new().velocity(2_000).until_torque(300, Duration::from_millis(20));
+    /// assert!(press.halt_on_drop);
+    /// ```
+    #[must_use]
+    pub const fn until_torque(mut self, torque: u16, lasts: Duration) -> Self {
+        self.contact = Some(ContactTorque { torque, lasts });
+        self.halt_on_drop = true;
+        self
+    }
+
     /// With this buffer mode.
     #[must_use]
     pub const fn buffer_mode(mut self, buffer_mode: BufferMode) -> Self {
@@ -144,8 +182,9 @@ impl Hash for SetPoint {
             buffer_mode,
             parameters,
             halt_on_drop,
+            contact,
         } = self;
-        (buffer_mode, parameters, halt_on_drop).hash(state);
+        (buffer_mode, parameters, halt_on_drop, contact).hash(state);
     }
 }
 
@@ -288,6 +327,7 @@ impl<U: AxisUnit> MoveCommand<U> {
                 buffer_mode: self.set_point.buffer_mode,
                 parameters: self.set_point.parameters.in_counts(scale)?,
                 halt_on_drop: self.set_point.halt_on_drop,
+                contact: self.set_point.contact,
             },
             gated: self.gated,
         })

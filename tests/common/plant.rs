@@ -476,6 +476,7 @@ const FIELDS: AxisFields = AxisFields {
     position: 3,
     actual_velocity: None,
     error_code: None,
+    torque: None,
 };
 
 /// The axis core and that drive on a bus.

@@ -19,6 +19,7 @@ mod modulo;
 mod motion_table;
 mod moves;
 mod overriding;
+mod pressing;
 mod sightings;
 mod standstill;
 mod start_bits;

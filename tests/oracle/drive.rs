@@ -235,6 +235,8 @@ pub struct Drive {
     next_hold: u64,
     /// The set-point that ended last.
     recent: Option<usize>,
+    /// When bit 8 was high last.
+    halted_at: u64,
     next_incident: u64,
     past: [Shown; PAST],
     visible: Shown,
@@ -1114,6 +1116,7 @@ impl Drive {
     fn position_mode(&mut self, halted: bool, dt: f64) {
         let quick = self.making.quick_ramp;
         if halted {
+            self.halted_at = self.now;
             let ramp = self.active.map_or(quick, |(active, _)| active.deceleration);
             self.approach_velocity(0.0, ramp, dt);
             let new = self.before & HALT == 0 && self.random.one_in(4);
@@ -1203,7 +1206,10 @@ impl Drive {
         if self.has(Habit::ClampOfOneSample) {
             1
         } else {
-            2 * self.making.drive_cycle
+            // S5: it shows that when bit 10 is of set-points again.
+            let since = (self.now - self.halted_at).min(1_000) as u32;
+            let shows_nothing = 2 * self.making.drive_cycle + 6;
+            2 * self.making.drive_cycle + shows_nothing.saturating_sub(since)
         }
     }
 
