@@ -96,12 +96,12 @@ impl Sequencer {
         self.follow_override(traits);
     }
 
-    /// The fastest profile velocity of the moves that wait, and of the last one that was sent.
-    pub fn fastest(&self) -> Option<u32> {
+    /// The profile velocities of the moves that wait, and of the last one that was sent.
+    pub fn velocities(&self) -> impl Iterator<Item = u32> {
         let waiting = self.pending.iter();
         let waiting = waiting.map(|request| request.command.set_point.parameters.velocity);
         let sent = self.parameters.velocity.filter(|_| self.has_set_point());
-        waiting.chain([sent]).flatten().max()
+        waiting.chain([sent]).flatten()
     }
 
     /// Under a high bit 4 the parameters stay as they are.

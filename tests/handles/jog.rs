@@ -7,6 +7,7 @@ use servocrab::{
     axis::{AxisErrorKind, Delivery, ParameterFault},
     coe::obj,
     ds402::State,
+    profile_position::MinVelocity,
     profile_velocity::{Jog, JogSetPoint},
 };
 use servocrab_sim::ds402::{Behaviour, Plant, VelocityEnd};
@@ -246,6 +247,33 @@ fn every_end_of_a_jog_has_its_name_and_no_motion_comes_back() {
         assert!(machine.goes_at(1_000.0));
         machine.finish(jog.release()).unwrap();
     }
+}
+
+#[test]
+fn a_jog_that_gets_slower_than_2010h_allows_stands_and_is_held() {
+    let mut variant = variant();
+    variant.traits.limits.min_velocity = MinVelocity::AsProfileVelocity;
+    variant.limits.min_velocity = Some(300);
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let too_slow = |asked| Some(Failure::TooSlow { asked, least: 300 });
+    let from = frames(&machine);
+    let error = machine.finish(pv.jog(-299)).unwrap_err();
+    assert_eq!(error.failure(), too_slow(299));
+    let text = error.to_string();
+    assert!(text.contains("299") && text.contains("300"), "{text}");
+    assert!(text.contains("min profile velocity 2010h"), "{text}");
+    let jog = machine.finish(pv.jog(-2_000)).unwrap();
+    machine.run(50);
+    let error = jog.set(-299).unwrap_err();
+    assert_eq!(error.failure(), too_slow(299));
+    machine.run(100);
+    assert!(machine.stands());
+    assert_eq!(jog.ended(), None);
+    jog.set(300).unwrap();
+    machine.run(50);
+    machine.finish(jog.release()).unwrap();
+    assert_eq!(velocities(&machine, from), [0, -2_000, 0, 300, 0]);
 }
 
 #[test]
