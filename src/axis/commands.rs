@@ -202,14 +202,17 @@ impl Machines {
         }
     }
 
-    /// Refused where a move that waits or is under way would be faster than max profile velocity 607Fh.
+    /// Refused where a move that waits or is under way would be faster than max profile velocity 607Fh, or slower than its least one.
     fn set_override(&mut self, config: &CoreConfig, factor: VelocityOverride) -> Answer {
         if config.fields.velocity.is_none() {
             return Err(not_mapped("profile velocity 6081h"));
         }
         let sequencer = &mut self.modes.sequencer;
-        let fastest = sequencer.fastest().map(|velocity| factor.of(velocity));
-        config.limits.check_velocity(fastest)?;
+        for velocity in sequencer.velocities() {
+            let (limits, scaled) = (&config.limits, Some(factor.of(velocity)));
+            limits.check_velocity(scaled)?;
+            limits.check_least(scaled, &config.traits.limits)?;
+        }
         sequencer.set_override(factor, &config.traits);
         Ok(())
     }
@@ -384,7 +387,8 @@ impl Machines {
     /// Everything for which a jog is refused, but for ramps that are zero.
     fn check_jogging(&self, step: &Step<'_>, velocity: i32) -> Answer {
         self.check_mode(step, Mode::ProfileVelocity)?;
-        check_jog_velocity(step.config, velocity)?;
+        let config = step.config;
+        config.limits.check_jog(velocity, &config.traits.limits)?;
         if self.modes.jogging.is_held() {
             Err(Failure::Busy)
         } else {
@@ -413,10 +417,15 @@ impl Machines {
         let parameters = factor.apply(&command.set_point.parameters);
         limits.check_velocity(parameters.velocity)?;
         limits.check_velocity(parameters.end_velocity)?;
+        let rule = &config.traits.limits;
+        // One that is not mapped has been checked before it was written by SDO.
+        let held = factor.apply(&config.defaults).velocity;
+        let held = config.fields.velocity.and(held);
+        limits.check_least(parameters.velocity.or(held), rule)?;
         match command.reference {
             Reference::Absolute => {
                 let referenced = self.is_referenced(config);
-                limits.check_target(command.target.into(), &config.traits.limits, referenced)
+                limits.check_target(command.target.into(), rule, referenced)
             }
             Reference::Relative => Ok(()),
         }
@@ -489,12 +498,6 @@ impl Machines {
             Failure::BusLost { delivery }
         }
     }
-}
-
-/// What the drive's limits say of a velocity.
-pub(super) fn check_jog_velocity(config: &CoreConfig, velocity: i32) -> Answer {
-    let speed = velocity.unsigned_abs();
-    config.limits.check_velocity(Some(speed))
 }
 
 /// Whether the axis can be halted and held out of a move with these parameters.

@@ -10,14 +10,13 @@ use core::time::Duration;
 use crate::{
     Failure,
     ds402::{Controlword, Mode},
-    profile_position::{Bounds, CommandId, Event, Quiet},
+    profile_position::{Bounds, CommandId, Event, Limits, LimitsRule, Quiet},
     timer::{Elapsed, nanoseconds},
 };
 
 use super::{
     Command, CoreConfig, Inputs, Snapshot,
     command::StopRequest,
-    commands::check_jog_velocity,
     machines::{Machines, Step},
     observed::{Aside, News, Observed},
     outputs::{CommandedMode, ManufacturerBits},
@@ -350,14 +349,30 @@ impl AxisCore {
     }
 
     /// The velocity of a jog that is held, from the next outputs on. False if it is not followed: this jog is not held any
-    /// more, or the velocity is above max profile velocity 607Fh.
+    /// more, or the velocity is above max profile velocity 607Fh. One below min profile velocity 2010h, of a drive on which that counts, is
+    /// not followed either: the jog is held at 0.
     pub fn set_jog(&mut self, id: CommandId, velocity: i32, outputs: &mut [u8]) -> bool {
-        let followed = check_jog_velocity(&self.known.config.0, velocity).is_ok()
-            && self.machines.modes.jogging.set(id, velocity);
-        if followed {
+        let checked = self.limits().check_jog(velocity, self.limits_rule());
+        let next = match checked {
+            Ok(()) => velocity,
+            Err(Failure::TooSlow { .. }) => 0,
+            Err(_) => return false,
+        };
+        let is_held = self.machines.modes.jogging.set(id, next);
+        if is_held {
             self.compose(outputs);
         }
-        followed
+        is_held && checked.is_ok()
+    }
+
+    /// What moves and jogs are checked against.
+    pub(crate) fn limits(&self) -> &Limits {
+        &self.known.config.0.limits
+    }
+
+    /// How its drive counts them.
+    pub(crate) fn limits_rule(&self) -> &LimitsRule {
+        &self.known.config.0.traits.limits
     }
 
     /// Lets go of a jog: target velocity 0 in the next outputs. It is done at standstill. False if it is not held any more.
@@ -602,11 +617,6 @@ impl AxisCore {
     /// What the drive held when it was attached last.
     pub(crate) fn drive_settings(&self) -> super::DriveSettings {
         super::DriveSettings::of(&self.known.config.0)
-    }
-
-    /// Max profile velocity 607Fh as velocities are checked against it.
-    pub(crate) fn max_velocity(&self) -> Option<u32> {
-        self.known.config.0.limits.max_velocity
     }
 
     /// How long a disable may take at most, with the stop of a moving axis before it.

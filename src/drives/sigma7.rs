@@ -48,6 +48,7 @@ pub fn sigma7() -> DriveDescription {
                 off: LimitsOff::MinNotBelowMax,
                 less_home_offset: true,
                 active: LimitsActive::WhenReferenced,
+                ..LimitsRule::cia402()
             },
             ..Traits::cia402()
         },

@@ -16,7 +16,7 @@ use crate::{
         AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError, Transfer, obj,
     },
     ds402::{Controlword, Mode, State},
-    profile_position::{Limits, PositionRange, VelocityOverride},
+    profile_position::{Limits, LimitsRule, MinVelocity, PositionRange, VelocityOverride},
     units::{AxisUnit, Counts, DriveUnits, Factors, Ratio, Scale, ScaleError, Unit},
 };
 
@@ -346,7 +346,8 @@ impl<U: AxisUnit> Axis<U> {
     ///
     /// # Errors
     /// Nothing changes, and [`Failure::Parameter`](crate::Failure::Parameter) says that the factor is out of range or 6081h is not in the
-    /// process data, or [`Failure::BeyondLimit`](crate::Failure::BeyondLimit) that a move would be faster than 607Fh.
+    /// process data, or [`Failure::BeyondLimit`](crate::Failure::BeyondLimit) that a move would be faster than 607Fh, or
+    /// [`Failure::TooSlow`](crate::Failure::TooSlow) that one would be slower than 2010h.
     pub async fn set_override(&self, factor: f64) -> Result<(), AxisError> {
         let factor = VelocityOverride::new(factor).ok_or_else(|| {
             let fault = ParameterFault::OutOfRange("0.05 to 2; to stop the axis, halt() it");
@@ -761,13 +762,14 @@ pub(super) async fn read_if_there<T: Number, A: Readable>(
 }
 
 impl Limits {
-    /// Reads 607Bh, 607Ch, 607Dh and 607Fh of an axis; what the drive does not have is no limit.
+    /// Reads 607Bh, 607Ch, 607Dh and 607Fh of an axis, and 2010h where the drive's rule names it; what the drive does not have is no limit.
     ///
     /// # Errors
     /// When an object that the drive has could not be read.
     pub async fn read(
         parameters: &dyn ParameterAccess,
         offset: AxisOffset,
+        rule: &LimitsRule,
     ) -> Result<Self, SdoError> {
         let range = async |min, max| {
             let min = read_if_there(parameters, offset, min).await?;
@@ -775,18 +777,25 @@ impl Limits {
             Ok(min.zip(max).map(|(min, max)| PositionRange { min, max }))
         };
         let home_offset = read_if_there(parameters, offset, obj::HOME_OFFSET).await?;
+        let min_velocity = match rule.min_velocity {
+            MinVelocity::Absent => None,
+            MinVelocity::UnitUnknown | MinVelocity::AsProfileVelocity => {
+                read_if_there(parameters, offset, obj::MIN_PROFILE_VELOCITY).await?
+            }
+        };
         Ok(Self {
             software: range(obj::SOFTWARE_LIMIT_MIN, obj::SOFTWARE_LIMIT_MAX).await?,
             home_offset: home_offset.unwrap_or(0),
             position_range: range(obj::POSITION_RANGE_MIN, obj::POSITION_RANGE_MAX).await?,
             max_velocity: read_if_there(parameters, offset, obj::MAX_PROFILE_VELOCITY).await?,
+            min_velocity,
         })
     }
 }
 
 impl<U: AxisUnit> Axis<U> {
-    /// Reads the limits 607Bh, 607Ch, 607Dh and 607Fh of this axis again, and checks moves against them from now on. It is for
-    /// programs that have changed one of them since the axis attached. It replaces what was set with
+    /// Reads the limits 607Bh, 607Ch, 607Dh and 607Fh of this axis again, and 2010h of a drive that has it as min profile velocity, and checks
+    /// moves against them from now on. It is for programs that have changed one of them since the axis attached. It replaces what was set with
     /// `AxisConfig::limits`.
     ///
     /// # Errors
@@ -797,7 +806,8 @@ impl<U: AxisUnit> Axis<U> {
         // Several objects, one after the other: a homing, a recovery or another task may come in between.
         loop {
             let before = shared.notes.limits_changed();
-            let read = Limits::read(&*setup.parameters, setup.offset).await;
+            let rule = &shared.limits_rule;
+            let read = Limits::read(&*setup.parameters, setup.offset, rule).await;
             let limits = read.map_err(|error| shared.error(AxisErrorKind::Sdo(Arc::new(error))))?;
             if before != shared.notes.limits_changed() {
                 continue;

@@ -1,14 +1,14 @@
 //! What the program and the bus thread tell each other of the objects of an axis' drive.
 
 use core::sync::atomic::{
-    AtomicBool, AtomicU32, AtomicU64,
+    AtomicBool, AtomicU16, AtomicU32, AtomicU64,
     Ordering::{AcqRel, Acquire, Release},
 };
 use std::sync::{Mutex, PoisonError};
 
 use crossbeam_queue::ArrayQueue;
 
-use crate::axis::DriveSettings;
+use crate::{axis::DriveSettings, profile_position::Limits};
 
 #[derive(Debug)]
 pub(super) struct DriveNotes {
@@ -24,8 +24,9 @@ pub(super) struct DriveNotes {
     /// Whether the drive may hold another home offset: the answer to a write of it is not there, or was given up.
     pub home_offset_in_doubt: AtomicBool,
     limits_changed: AtomicU64,
-    /// Max profile velocity 607Fh as the core checks it; 0 is no limit.
-    pub max_velocity: AtomicU32,
+    /// Max and min profile velocity, 607Fh and 2010h, as the core checks jogs; 0 is no limit.
+    max_velocity: AtomicU32,
+    min_velocity: AtomicU16,
 }
 
 /// A value from the program for the bus thread: the last one counts.
@@ -59,6 +60,7 @@ impl DriveNotes {
             home_offset_in_doubt: AtomicBool::new(false),
             limits_changed: AtomicU64::new(0),
             max_velocity: AtomicU32::new(0),
+            min_velocity: AtomicU16::new(0),
         }
     }
 
@@ -102,6 +104,22 @@ impl DriveNotes {
             self.home_offset_in_doubt.store(false, Release);
             self.home_offset.set(offset);
             self.note_limits_changed();
+        }
+    }
+
+    /// The core checks jogs against these.
+    pub fn note_velocities(&self, limits: &Limits) {
+        let (max, min) = (limits.max_velocity, limits.min_velocity);
+        self.max_velocity.store(max.unwrap_or(0), Release);
+        self.min_velocity.store(min.unwrap_or(0), Release);
+    }
+
+    /// What was noted last, and no other limit.
+    pub fn velocities(&self) -> Limits {
+        Limits {
+            max_velocity: Some(self.max_velocity.load(Acquire)),
+            min_velocity: Some(self.min_velocity.load(Acquire)),
+            ..Limits::trust_drive()
         }
     }
 

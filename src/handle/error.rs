@@ -271,6 +271,12 @@ impl ErrorUnit {
                     "{asked} {name}{per} lies beyond the limit {limit} {name}{per} of {object}: stay within it, or change it and read the limits again"
                 )
             }
+            Failure::TooSlow { asked, least } => write!(
+                f,
+                "the velocity {} {name}/s is below {} {name}/s, the min profile velocity 2010h: move faster, or change it and read the limits again",
+                scale.velocity_of(asked),
+                scale.velocity_of(least)
+            ),
             failure => fmt::Display::fmt(&failure, f),
         }
     }

@@ -329,9 +329,7 @@ impl AxisPort {
     fn follow_jog(&self, next: &mut NextFrame<'_>) {
         let NextFrame { core, now, outputs } = next;
         let Some(id) = core.jog() else { return };
-        let max_velocity = core.max_velocity().unwrap_or(0);
-        let notes = &self.shared.notes;
-        notes.max_velocity.store(max_velocity, Ordering::Release);
+        self.shared.notes.note_velocities(core.limits());
         let mut requests = self.taken.iter().map(|taken| &taken.request);
         let jog = requests.find(|request| request.id == id);
         let held = jog.filter(|jog| !self.shared.is_leased_again(jog.lease));

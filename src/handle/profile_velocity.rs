@@ -168,9 +168,10 @@ impl<U: AxisUnit> Jog<U> {
     /// # Errors
     /// With the reason for which the jog has ended: halted, stopped, disabled, a fault, the bus lost. What was asked for then
     /// is not followed. [`Failure::BeyondLimit`] above max profile velocity 607Fh, and [`AxisErrorKind::Scale`] for a number that cannot be
-    /// converted into counts: the jog goes on as it was. [`AxisErrorKind::ModeInUse`] once its lease was given back and the axis was
-    /// leased again: the jog was let go then. A number that is less than the drive's smallest
-    /// ([`ScaleError::RoundsToZero`]) holds it at 0, so that a jog that gets slower and slower comes to a stand.
+    /// converted into counts: the jog goes on as it was. [`Failure::TooSlow`] below min profile velocity 2010h, of a drive on which that counts. [`AxisErrorKind::ModeInUse`] once its lease was given back and the axis was
+    /// leased again: the jog was let go then. Such a velocity, and a number
+    /// that is less than the drive's smallest ([`ScaleError::RoundsToZero`]), hold it at 0, so that a jog that gets slower and slower comes to
+    /// a stand.
     pub fn set(&self, velocity: U::Signed) -> Result<(), AxisError> {
         let converted = self.pending.unit.scale.target_velocity(velocity.into());
         if matches!(converted, Err(ScaleError::RoundsToZero { .. })) {

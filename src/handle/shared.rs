@@ -11,6 +11,7 @@ use crate::{
     axis::{AxisCore, Command, Completion, Snapshot},
     coe::obj,
     pdo_map,
+    profile_position::LimitsRule,
     wakes::Waiters,
 };
 
@@ -28,6 +29,7 @@ use super::{
 /// One axis, seen from both sides.
 pub(super) struct Shared {
     pub setup: AxisSetup,
+    pub limits_rule: LimitsRule,
     pub identity: Arc<AxisIdentity>,
     pub status: StatusCell,
     measured: Measured,
@@ -72,6 +74,7 @@ impl Measured {
 impl Shared {
     pub fn new(setup: AxisSetup, core: &AxisCore) -> Self {
         Self {
+            limits_rule: *core.limits_rule(),
             identity: Arc::new(setup.identity.clone()),
             status: StatusCell::new(&core.snapshot(), setup.layout.input_bytes()),
             measured: Measured::of(&setup),
@@ -220,20 +223,19 @@ impl Shared {
 
     /// Holds a jog, at this velocity or at the one that it has.
     pub fn hold_jog(&self, jog: &AxisRequest, to: Option<i32>) -> Result<(), Failure> {
-        let limit = self.notes.max_velocity.load(Ordering::Acquire);
-        let velocity = to.unwrap_or(0).unsigned_abs();
-        if limit != 0 && velocity > limit {
-            return Err(Failure::BeyondLimit {
-                object: obj::MAX_PROFILE_VELOCITY.address(),
-                limit: limit.into(),
-                asked: velocity.into(),
-            });
-        }
+        let limits = self.notes.velocities();
+        let checked = limits.check_jog(to.unwrap_or(0), &self.limits_rule);
+        let to = match checked {
+            Ok(()) => to,
+            // One that gets slower and slower comes to a stand.
+            Err(Failure::TooSlow { .. }) => Some(0),
+            Err(_) => return checked,
+        };
         if !jog.hold(to) {
             return Err(Failure::NotHeld);
         }
         self.ask();
-        Ok(())
+        checked
     }
 
     /// Lets go of a jog: it is in the next frame, whatever is queued.

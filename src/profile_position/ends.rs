@@ -81,6 +81,17 @@ impl Ends {
         bounds.after(self.from, half)
     }
 
+    /// The middle where they are known; else the first and the last.
+    pub fn outermost(&self, bounds: &Bounds) -> [i32; 2] {
+        if self.are_known(bounds) {
+            return [self.middle(bounds); 2];
+        }
+        let half = i32::try_from(self.width / 2).unwrap_or(i32::MAX);
+        let rest = i32::try_from(self.width.div_ceil(2)).unwrap_or(i32::MAX);
+        let last = bounds.after(bounds.after(self.from, half), rest);
+        [self.from, last]
+    }
+
     /// Whether an axis at this position is within the window of the end: of all of them, where they are known, else of one.
     #[inline]
     pub fn contain(&self, position: i32, bounds: &Bounds) -> bool {

@@ -413,8 +413,18 @@ pub enum Failure {
         object: ObjectAddress,
         /// The limit; of a position as a target, the home offset taken off where the drive does so.
         limit: i64,
-        /// What was asked for; of a relative move where it would end.
+        /// What was asked for; of a relative move where it would end, or may end.
         asked: i64,
+    },
+    /// The profile velocity is below min profile velocity 2010h, of a drive that has it in the same unit: nothing was sent.
+    #[error(
+        "the velocity {asked} is below {least}, the min profile velocity 2010h: move faster, or change it and read the limits again"
+    )]
+    TooSlow {
+        /// What was asked for, or what the drive holds in 6081h where the move leaves it out. Of a jog without its sign.
+        asked: u32,
+        /// What the drive holds in 2010h.
+        least: u32,
     },
     /// A velocity, a ramp or a time that cannot be sent.
     #[error("{name} {fault}")]
@@ -491,6 +501,7 @@ impl Failure {
             | Self::ClockJumped => FailureClass::Lost,
             Self::Timeout { .. } => FailureClass::Late,
             Self::BeyondLimit { .. }
+            | Self::TooSlow { .. }
             | Self::Parameter { .. }
             | Self::Unsupported(_)
             | Self::NotEnabled { .. }

@@ -68,7 +68,18 @@ pub enum LimitsActive {
     WhenReferenced,
 }
 
-/// How a drive counts its software position limits 607Dh, as data.
+/// What a drive's object 2010h is. The makers say what 2000h to 5FFFh hold: other drives have something else there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum MinVelocity {
+    /// No min profile velocity: it is not read.
+    Absent,
+    /// Min profile velocity, and the drive's documents do not name its unit: it is read, and nothing is compared with it.
+    UnitUnknown,
+    /// Min profile velocity in the unit of profile velocity 6081h: a slower move or jog is refused as [`Failure::TooSlow`].
+    AsProfileVelocity,
+}
+
+/// How a drive counts its limits, as data: software position limits 607Dh and min profile velocity 2010h.
 ///
 /// ```
 /// use servocrab::profile_position::{LimitsActive, LimitsOff, LimitsRule, Traits};
@@ -84,25 +95,30 @@ pub struct LimitsRule {
     pub less_home_offset: bool,
     /// When they are in force.
     pub active: LimitsActive,
+    /// What 2010h is.
+    pub min_velocity: MinVelocity,
 }
 
 impl LimitsRule {
-    /// As CiA DSP 402 has it in 607Dh: less the home offset, and always in force. Limits that are no range are off.
+    /// As CiA DSP 402 has it in 607Dh: less the home offset, and always in force. Limits that are no range are off. There is no 2010h.
     #[must_use]
     pub const fn cia402() -> Self {
         Self {
             off: LimitsOff::MinNotBelowMax,
             less_home_offset: true,
             active: LimitsActive::Always,
+            min_velocity: MinVelocity::Absent,
         }
     }
 }
 
 /// What an axis' drive holds in its limit objects, or what the program says in their place. Absolute targets and velocities
-/// beyond it are refused before anything is written. The end of a relative move is checked when its turn comes, and only where it is known
-/// what the drive counts from: parameters that go by SDO are written by then. What is `None` is not checked.
+/// beyond it are refused before anything is written. The end of a relative move is checked when its turn comes: parameters that go by SDO are
+/// written by then. Where it is not known what the drive counts from, an axis without a set-point is taken to count from where it is, or from
+/// the target before: neither end may lie beyond a limit. A distance on top of a set-point that leads on is not checked then. What is `None` is
+/// not checked.
 ///
-/// A [`Network`](crate::Network) reads them when an axis attaches. A program that changes 607Bh, 607Ch, 607Dh or 607Fh later
+/// A [`Network`](crate::Network) reads them when an axis attaches. A program that changes 607Bh, 607Ch, 607Dh, 607Fh or 2010h later
 /// has them read again: `Axis::read_limits`.
 ///
 /// ```
@@ -122,6 +138,9 @@ pub struct Limits {
     pub position_range: Option<PositionRange>,
     /// Max profile velocity 607Fh, velocity units. 0 is no limit.
     pub max_velocity: Option<u32>,
+    /// Min profile velocity 2010h, of a drive that has it. [`LimitsRule::min_velocity`] says whether moves and jogs are compared with it.
+    /// A profile velocity that is left out is compared where 6081h is in the process data.
+    pub min_velocity: Option<u16>,
 }
 
 impl Limits {
@@ -134,6 +153,7 @@ impl Limits {
             home_offset: 0,
             position_range: None,
             max_velocity: None,
+            min_velocity: None,
         }
     }
 
@@ -198,6 +218,29 @@ impl Limits {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Refuses a velocity of a motion below min profile velocity 2010h. One of 0 moves nothing.
+    pub(crate) fn check_least(
+        &self,
+        velocity: Option<u32>,
+        rule: &LimitsRule,
+    ) -> Result<(), Failure> {
+        let least = self
+            .min_velocity
+            .filter(|_| rule.min_velocity == MinVelocity::AsProfileVelocity)
+            .map_or(0, u32::from);
+        match velocity {
+            Some(asked) if asked != 0 && asked < least => Err(Failure::TooSlow { asked, least }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Refuses a target velocity of a jog.
+    pub(crate) fn check_jog(&self, velocity: i32, rule: &LimitsRule) -> Result<(), Failure> {
+        let speed = Some(velocity.unsigned_abs());
+        self.check_velocity(speed)?;
+        self.check_least(speed, rule)
     }
 }
 

@@ -30,7 +30,7 @@ pub(crate) use evidence::{Bit, Cycle, Evidence, Rules, ShownBit};
 pub(crate) use failure::{
     Delivery, Doubt, Failure, Inhibit, ParameterFault, Unrest, Unsupported, WaitingFor,
 };
-pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
+pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, MinVelocity, PositionRange};
 use observer::{Behind, HeldSetPoint, Known, Observer, OnItsWay};
 pub(crate) use sequencer::Sequencer;
 pub(crate) use set_point::BufferMode;

@@ -96,12 +96,12 @@ impl Sequencer {
         self.follow_override(traits);
     }
 
-    /// The fastest profile velocity of the moves that wait, and of the last one that was sent.
-    pub fn fastest(&self) -> Option<u32> {
+    /// The profile velocities of the moves that wait, and of the last one that was sent.
+    pub fn velocities(&self) -> impl Iterator<Item = u32> {
         let waiting = self.pending.iter();
         let waiting = waiting.map(|request| request.command.set_point.parameters.velocity);
         let sent = self.parameters.velocity.filter(|_| self.has_set_point());
-        waiting.chain([sent]).flatten().max()
+        waiting.chain([sent]).flatten()
     }
 
     /// Under a high bit 4 the parameters stay as they are.
@@ -541,23 +541,38 @@ impl Sequencer {
         }
     }
 
-    /// Refuses a relative move whose turn has come and that would end beyond a limit, where its end is known.
+    /// Refuses a relative move whose turn has come and that may end beyond a limit.
     fn check_limits(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Result<(), Failure> {
         let rules = &cycle.rules;
         if command.reference == Reference::Absolute {
             return Ok(());
         }
-        let base = self.base_of(command, cycle);
-        if !base.are_known(rules.bounds) {
+        let Some(bases) = self.limited_bases(command, cycle) else {
             return Ok(());
-        }
-        let base = base.middle(rules.bounds);
-        let target = match rules.bounds.turn {
-            Some(_) => rules.bounds.after(base, command.target).into(),
-            None => i64::from(base) + i64::from(command.target),
         };
-        let rule = &rules.traits.limits;
-        rules.limits.check_target(target, rule, rules.referenced)
+        for base in bases.outermost(rules.bounds) {
+            let target = match rules.bounds.turn {
+                Some(_) => rules.bounds.after(base, command.target).into(),
+                None => i64::from(base) + i64::from(command.target),
+            };
+            let rule = &rules.traits.limits;
+            rules.limits.check_target(target, rule, rules.referenced)?;
+        }
+        Ok(())
+    }
+
+    /// Between which positions a distance counts from one, as its end is checked. Where that is not documented it is where the axis is, or the
+    /// target before, of an axis that nothing leads on.
+    fn limited_bases(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<Ends> {
+        let base = self.base_of(command, cycle);
+        if base != Ends::ANYWHERE {
+            return Some(base);
+        }
+        let at = Ends::at(cycle.evidence.position);
+        let previous = self.observer.last_ends();
+        let previous = previous.filter(|ends| *ends != Ends::ANYWHERE);
+        let from = previous.map_or(at, |ends| at.with(ends, cycle.rules.bounds));
+        (!self.has_set_point()).then_some(from)
     }
 
     /// Where a move will end, as far as the documents and the position show it.

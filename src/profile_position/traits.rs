@@ -53,7 +53,7 @@ pub enum RelativeBase {
     /// What the drive's positioning option code 60F2h says, which a `Network` reads when the axis attaches; until it is
     /// known as `Undocumented`.
     PositioningOption,
-    /// The drive's documents do not say; relative moves are not checked against the position.
+    /// The drive's documents do not say: the end of a relative move is not compared with the position.
     Undocumented,
 }
 

@@ -1,14 +1,16 @@
 //! Limits that the drives hold: read when an axis attaches, read again when asked for, or left to the drive.
 
+use std::time::Duration;
+
 use servocrab::{
-    AxisError, DriveConfig, Failure, HomingMethod, HomingParameters, Network, NetworkError,
-    Outcome, ProfilePosition, Referencing, SetPoint,
+    AxisConfig, AxisError, DriveConfig, Failure, FailureClass, HomingMethod, HomingParameters,
+    Network, NetworkError, Outcome, ProfilePosition, Referencing, SetPoint,
     axis::AxisErrorKind,
     bus::DriveFault,
     coe::{AxisOffset, ObjectAddress, obj},
     drives,
     parameters::StartUpWrite,
-    profile_position::{Limits, PositionRange},
+    profile_position::{Limits, LimitsActive, MinVelocity, PositionRange},
 };
 use servocrab_sim::{Segment, personality};
 
@@ -216,5 +218,147 @@ fn limits_that_hold_after_homing_are_checked_after_homing() {
         "less the home offset that the homing has set"
     );
     move_to(&mut rig, &pp, 700).unwrap();
+    rig.shutdown();
+}
+
+/// 2010h is 2000 and 6081h 1000, and its unit is known, or not.
+fn with_least(what: MinVelocity) -> Rig {
+    let mut description = drives::pp2010();
+    description.traits.limits.min_velocity = what;
+    let drive = DriveConfig::new(description)
+        .axis(AxisConfig::new("s").referencing(Referencing::UnreferencedMovesAllowed))
+        .start_up(StartUpWrite::new(obj::MIN_PROFILE_VELOCITY, 2_000))
+        .start_up(StartUpWrite::new(obj::PROFILE_VELOCITY, 1_000));
+    let line = Line::ideal(Segment::new().with(personality::pp2010()));
+    Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap()
+}
+
+fn goes_by(rig: &mut Rig, pp: &ProfilePosition, set_point: SetPoint) -> Result<(), AxisError> {
+    rig.until(async { pp.move_rel(500, set_point).await?.done().await.map(drop) })
+}
+
+#[test]
+fn a_move_slower_than_2010h_is_refused_where_that_has_the_unit_of_6081h() {
+    let mut rig = with_least(MinVelocity::AsProfileVelocity);
+    let axis = rig.net().axis("s").unwrap();
+    rig.until(axis.enable()).unwrap();
+    let pp = rig.until(axis.profile_position()).unwrap();
+    let least = 2_000;
+    for (velocity, asked) in [(Some(1_999), 1_999), (None, 1_000)] {
+        let mut set_point = SetPoint::new();
+        set_point.parameters.velocity = velocity;
+        let before = axis.status().position;
+        let error = rig.until(pp.move_rel(500, set_point)).unwrap_err();
+        assert_eq!(error.failure(), Some(Failure::TooSlow { asked, least }));
+        assert_eq!(
+            error.failure().map(|failure| failure.class()),
+            Some(FailureClass::Refused)
+        );
+        let text = error.to_string();
+        assert!(text.contains("2010h") && text.contains("2000"), "{text}");
+        rig.run_for(Duration::from_millis(200));
+        assert_eq!(axis.status().position, before);
+    }
+    goes_by(&mut rig, &pp, SetPoint::new().velocity(2_000)).unwrap();
+    // Changed, and read again.
+    let sdo = rig.net().sdo(0).unwrap();
+    rig.until(sdo.write(obj::MIN_PROFILE_VELOCITY, 999))
+        .unwrap();
+    let read = rig.until(axis.read_limits()).unwrap();
+    assert_eq!(read.min_velocity, Some(999));
+    goes_by(&mut rig, &pp, SetPoint::new()).unwrap();
+    rig.shutdown();
+}
+
+#[test]
+fn a_2010h_of_unknown_unit_is_shown_and_refuses_nothing() {
+    let shown = drives::pp2010().traits.limits.min_velocity;
+    assert_eq!(shown, MinVelocity::UnitUnknown, "its page names no unit");
+    for (what, read) in [(shown, Some(2_000)), (MinVelocity::Absent, None)] {
+        let mut rig = with_least(what);
+        let axis = rig.net().axis("s").unwrap();
+        let limits = rig.until(axis.read_limits()).unwrap();
+        assert_eq!(limits.min_velocity, read);
+        rig.until(axis.enable()).unwrap();
+        let pp = rig.until(axis.profile_position()).unwrap();
+        goes_by(&mut rig, &pp, SetPoint::new()).unwrap();
+        rig.shutdown();
+    }
+}
+
+#[test]
+fn a_first_distance_beyond_a_limit_is_refused_and_not_on_a_drive_without_limits() {
+    for (limit, is_limited) in [(1_000_i32, true), (0, false)] {
+        let drive = DriveConfig::new(drives::sigma7())
+            .axis(AxisConfig::new("z").referencing(Referencing::AbsoluteEncoder))
+            .start_up(StartUpWrite::new(obj::SOFTWARE_LIMIT_MIN, -limit))
+            .start_up(StartUpWrite::new(obj::SOFTWARE_LIMIT_MAX, limit));
+        let line = Line::ideal(Segment::new().with(personality::sigma7()));
+        let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
+        let z = rig.net().axis("z").unwrap();
+        rig.until(z.enable()).unwrap();
+        let pp = rig.until(z.profile_position()).unwrap();
+        for distance in [1_001, -1_001] {
+            let moved = rig.until(pp.move_rel(distance, SetPoint::new()));
+            let failure = moved.err().and_then(|error| error.failure());
+            let beyond = matches!(
+                failure,
+                Some(Failure::BeyondLimit { asked, .. }) if asked == i64::from(distance)
+            );
+            assert_eq!(beyond, is_limited, "{limit} {distance}: {failure:?}");
+            assert_eq!(failure.is_none(), !is_limited);
+        }
+        rig.shutdown();
+    }
+}
+
+/// 607Dh holds once the axis is referenced, and an earlier program has homed `z`, which its drive shows.
+#[test]
+fn an_axis_that_an_earlier_program_has_homed_has_its_limits() {
+    let line = Line::ideal(Segment::new().with(personality::akd2g()));
+    let start = || {
+        let mut description = drives::akd2g();
+        description.traits.limits.active = LimitsActive::WhenReferenced;
+        let mut drive = DriveConfig::new(description).axis("y").axis("z");
+        for axis in [1, 2] {
+            drive = drive
+                .start_up(StartUpWrite::new(
+                    obj::SOFTWARE_LIMIT_MIN.axis(axis),
+                    -1_000,
+                ))
+                .start_up(StartUpWrite::new(obj::SOFTWARE_LIMIT_MAX.axis(axis), 1_000));
+        }
+        Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap()
+    };
+    let beyond = |rig: &mut Rig, name: &str| {
+        let axis = rig.net().axis(name).unwrap();
+        let moved = rig.until(async {
+            axis.enable().await.unwrap();
+            let pp = axis.profile_position().await.unwrap();
+            pp.move_rel(1_001, SetPoint::new()).await.map(drop)
+        });
+        let failure = moved.err().and_then(|error| error.failure());
+        matches!(
+            failure,
+            Some(Failure::BeyondLimit {
+                limit: 1_000,
+                asked: 1_001,
+                ..
+            })
+        )
+    };
+    let mut rig = start();
+    let z = rig.net().axis("z").unwrap();
+    rig.until(async {
+        z.enable().await.unwrap();
+        let homing = z.homing().await.unwrap();
+        let home = HomingParameters::new(HomingMethod::CURRENT_POSITION);
+        homing.home(home).await.unwrap();
+    });
+    drop(z);
+    rig.shutdown();
+    let mut rig = start();
+    assert!(beyond(&mut rig, "z"));
+    assert!(!beyond(&mut rig, "y"), "nobody has homed this one");
     rig.shutdown();
 }

@@ -9,7 +9,7 @@ use servocrab::{
     coe::ObjectAddress,
     drives,
     ds402::Mode,
-    profile_position::{Limits, LimitsRule, PositionRange, RelativeBase, StartBits},
+    profile_position::{Limits, LimitsRule, MinVelocity, PositionRange, RelativeBase, StartBits},
 };
 
 use servocrab_sim::ds402::{Behaviour, Plant};
@@ -65,11 +65,20 @@ fn limited() -> Variant {
                 max: 1_000_000,
             }),
             max_velocity: Some(60_000),
+            min_velocity: None,
         },
         ..ideal()
     };
     variant.traits.relative_base = RelativeBase::Demand;
     variant.traits.limits = LimitsRule::cia402();
+    variant
+}
+
+/// With 2010h of 3000 in the unit of 6081h.
+fn with_least() -> Variant {
+    let mut variant = ideal();
+    variant.limits.min_velocity = Some(3_000);
+    variant.traits.limits.min_velocity = MinVelocity::AsProfileVelocity;
     variant
 }
 
@@ -169,6 +178,16 @@ fn rows() -> Vec<Row> {
                 limit: 60_000,
                 asked: 60_001,
                 ..
+            }),
+        ),
+        row(
+            "a velocity below 2010h",
+            with_least(),
+            Enabled,
+            Ask::Rel(100, fast.velocity(2_999)),
+            failed!(Failure::TooSlow {
+                asked: 2_999,
+                least: 3_000
             }),
         ),
         row(

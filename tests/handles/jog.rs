@@ -7,6 +7,7 @@ use servocrab::{
     axis::{AxisErrorKind, Delivery, ParameterFault},
     coe::obj,
     ds402::State,
+    profile_position::MinVelocity,
     profile_velocity::{Jog, JogSetPoint},
 };
 use servocrab_sim::ds402::{Behaviour, Plant, VelocityEnd};
@@ -246,6 +247,78 @@ fn every_end_of_a_jog_has_its_name_and_no_motion_comes_back() {
         assert!(machine.goes_at(1_000.0));
         machine.finish(jog.release()).unwrap();
     }
+}
+
+/// The drive would go on when bit 8 falls, as its controlword's page says of every mode. Its holder may be gone by then.
+#[test]
+fn a_resume_after_a_halt_brings_no_jog_back_whether_its_holder_is_there_or_gone() {
+    for is_there in [true, false] {
+        let (mut machine, axis, pv) = jogging();
+        let time = Duration::from_millis(50);
+        let jog = machine
+            .finish(pv.jog(JogSetPoint::new(20_000).dead_man(time)))
+            .unwrap();
+        for _ in 0..10 {
+            machine.run(10);
+            jog.hold().unwrap();
+        }
+        assert!(machine.goes_at(20_000.0));
+        machine.finish(axis.halt()).unwrap();
+        let stood = machine.drive().position();
+        let halted = Some(Failure::Halted {
+            delivery: Delivery::Accepted,
+        });
+        let from = frames(&machine);
+        for _ in 0..20 {
+            machine.run(10);
+            if is_there {
+                assert_eq!(jog.hold().unwrap_err().failure(), halted);
+            }
+        }
+        machine.finish(axis.resume()).unwrap();
+        assert_eq!(axis.status().state, State::OperationEnabled);
+        for _ in 0..20 {
+            machine.run(10);
+            if is_there {
+                assert_eq!(jog.set(20_000).unwrap_err().failure(), halted);
+            }
+        }
+        assert_eq!(jog.ended(), halted);
+        assert_eq!(velocities(&machine, from), [0]);
+        assert!(machine.is_at(stood), "{is_there}");
+        // To go on somebody begins a new one, and holds it.
+        let again = machine.finish(pv.jog(1_000)).unwrap();
+        machine.run(50);
+        assert!(machine.goes_at(1_000.0));
+        machine.finish(again.release()).unwrap();
+    }
+}
+
+#[test]
+fn a_jog_that_gets_slower_than_2010h_allows_stands_and_is_held() {
+    let mut variant = variant();
+    variant.traits.limits.min_velocity = MinVelocity::AsProfileVelocity;
+    variant.limits.min_velocity = Some(300);
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let too_slow = |asked| Some(Failure::TooSlow { asked, least: 300 });
+    let from = frames(&machine);
+    let error = machine.finish(pv.jog(-299)).unwrap_err();
+    assert_eq!(error.failure(), too_slow(299));
+    let text = error.to_string();
+    assert!(text.contains("299") && text.contains("300"), "{text}");
+    assert!(text.contains("min profile velocity 2010h"), "{text}");
+    let jog = machine.finish(pv.jog(-2_000)).unwrap();
+    machine.run(50);
+    let error = jog.set(-299).unwrap_err();
+    assert_eq!(error.failure(), too_slow(299));
+    machine.run(100);
+    assert!(machine.stands());
+    assert_eq!(jog.ended(), None);
+    jog.set(300).unwrap();
+    machine.run(50);
+    machine.finish(jog.release()).unwrap();
+    assert_eq!(velocities(&machine, from), [0, -2_000, 0, 300, 0]);
 }
 
 #[test]

@@ -9,7 +9,9 @@ use servocrab::pdo_map::Direction;
 use servocrab::sii::Identity;
 use servocrab::{
     BufferMode,
-    profile_position::{BufferSignal, LimitsActive, LimitsOff, RelativeBase, StartBits},
+    profile_position::{
+        BufferSignal, LimitsActive, LimitsOff, MinVelocity, RelativeBase, StartBits,
+    },
 };
 use servocrab_sim::{Device, personality};
 
@@ -102,7 +104,7 @@ fn limits(drive: &DriveDescription) -> String {
 
 type Cell = fn(&DriveDescription) -> String;
 
-const ROWS: [(&str, Cell); 15] = [
+const ROWS: [(&str, Cell); 16] = [
     ("vendor", |drive| number(drive.vendor)),
     ("product", |drive| number(drive.product)),
     ("RxPDO, TxPDO of each axis", pdos),
@@ -160,6 +162,16 @@ const ROWS: [(&str, Cell); 15] = [
     }),
     ("6086h", ramps),
     ("607Dh", limits),
+    ("2010h", |drive| {
+        match drive.traits.limits.min_velocity {
+            MinVelocity::Absent => "not read",
+            MinVelocity::UnitUnknown => {
+                "shown: the least velocity, in a unit that is not documented"
+            }
+            MinVelocity::AsProfileVelocity => "slower moves and jogs are refused",
+        }
+        .to_owned()
+    }),
 ];
 
 fn table() -> String {

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::common::{Link, Rig};
-use servocrab::coe::obj;
+use servocrab::coe::{ObjectAddress, obj};
 use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::Mode;
 use servocrab::profile_velocity::JogSetPoint;
@@ -403,6 +403,92 @@ fn a_relative_replacement_beyond_a_limit_fails_alone() {
     ));
     assert!(matches!(rig.finish(third), Ok(Completion::Reached { .. })));
     assert_eq!(rig.reports(fourth).len(), 1);
+}
+
+/// No document says what its distances count from. 607Dh is from −5000 to 8000.
+#[test]
+fn a_distance_of_unknown_base_is_refused_where_it_may_end_beyond_a_limit() {
+    let mut rig = Rig::of(drives::sigma7(), Behaviour::sigma7(), |config| {
+        config.referencing = Referencing::AbsoluteEncoder;
+        config.limits.software = Some(PositionRange {
+            min: -5_000,
+            max: 8_000,
+        });
+    })
+    .ideal();
+    rig.enable();
+    let beyond = |rig: &mut Rig, distance, limit, asked| {
+        let id = rig.rel(distance, SetPoint::new());
+        rig.run(5);
+        let expected = Failure::BeyondLimit {
+            object: ObjectAddress::new(0x607D, if limit < 0 { 1 } else { 2 }),
+            limit,
+            asked,
+        };
+        assert_eq!(rig.outcome(id), Some(Err(expected)), "{distance}");
+    };
+    // The first, and those behind one of which it is not known where it ended.
+    beyond(&mut rig, 8_001, 8_000, 8_001);
+    beyond(&mut rig, -5_001, -5_000, -5_001);
+    let first = rig.rel(8_000, SetPoint::new());
+    rig.finish(first).unwrap();
+    rig.assert_at(8_000);
+    beyond(&mut rig, 1, 8_000, 8_001);
+    beyond(&mut rig, i32::MAX, 8_000, 8_000 + i64::from(i32::MAX));
+    assert_eq!(rig.ledger().len(), 1);
+    // Pushed by hand, it may count from where it stands or from the target before.
+    let before = rig.abs(7_000, SetPoint::new());
+    rig.finish(before).unwrap();
+    rig.run(300);
+    let off = rig.send(Command::Disable);
+    rig.finish(off).unwrap();
+    rig.drive.place(1_000);
+    rig.enable();
+    beyond(&mut rig, 1_001, 8_000, 8_001);
+    beyond(&mut rig, -6_001, -5_000, -5_001);
+    let within = rig.rel(-6_000, SetPoint::new());
+    rig.finish(within).unwrap();
+    rig.assert_at(-5_000);
+    // A stop has taken the target before away.
+    let stopped = rig.abs(8_000, SetPoint::new().velocity(5_000));
+    rig.wait_accepted(stopped);
+    rig.run(500);
+    let stop = rig.send(Command::Stop);
+    rig.finish(stop).unwrap();
+    rig.enable();
+    let at = rig.core.snapshot().position;
+    assert!((-4_500..0).contains(&at), "{at}");
+    beyond(&mut rig, 8_001 - at, 8_000, 8_001);
+    let within = rig.rel(8_000 - at, SetPoint::new());
+    rig.finish(within).unwrap();
+    rig.assert_at(8_000);
+}
+
+/// On a drive that counts from the target before, if that is still there.
+#[test]
+fn a_distance_of_an_axis_that_was_pushed_is_checked_from_where_it_is_and_from_the_target_before() {
+    let mut rig = rig();
+    let before = rig.abs(90_000, SetPoint::new());
+    rig.finish(before).unwrap();
+    rig.run(300);
+    let off = rig.send(Command::Disable);
+    rig.finish(off).unwrap();
+    rig.drive.place(-90_000);
+    rig.enable();
+    let at = i64::from(rig.core.snapshot().position);
+    let count = rig.ledger().len();
+    for (distance, limit, asked) in [(10_001, 100_000, 100_001), (-20_000, -100_000, at - 20_000)] {
+        let id = rig.rel(distance, SetPoint::new());
+        assert!(
+            matches!(
+                rig.finish(id),
+                Err(Failure::BeyondLimit { limit: of, asked: to, .. }) if of == limit && asked.abs_diff(to) <= 10
+            ),
+            "{distance}"
+        );
+    }
+    assert_eq!(rig.ledger().len(), count);
+    goes(&mut rig, 10_000);
 }
 
 #[test]

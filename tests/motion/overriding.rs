@@ -1,7 +1,7 @@
 //! The override: how much faster or slower than asked for moves are. No set-point is sent again for it.
 
 use crate::common::Rig;
-use servocrab::profile_position::VelocityOverride;
+use servocrab::profile_position::{MinVelocity, VelocityOverride};
 use servocrab::{
     BufferMode, Failure, SetPoint,
     axis::{Command, Completion},
@@ -115,6 +115,38 @@ fn an_override_that_would_be_too_fast_is_refused_and_changes_nothing() {
     let next = rig.abs(0, SetPoint::new().velocity(50_000));
     assert!(matches!(rig.finish(next), Err(Failure::BeyondLimit { .. })));
     rig.assert_reached(id, FAR);
+}
+
+/// The drive's defaults are 50 000 counts/s, and its least velocity is 10 000.
+#[test]
+fn an_override_that_would_be_too_slow_is_refused_and_changes_nothing() {
+    let mut rig = Rig::new(Behaviour::akd2g(), |config| {
+        config.traits.limits.min_velocity = MinVelocity::AsProfileVelocity;
+        config.limits.min_velocity = Some(10_000);
+    });
+    rig.enable();
+    let too_slow = |asked| {
+        let least = 10_000;
+        Err(Failure::TooSlow { asked, least })
+    };
+    let id = rig.abs(FAR, SetPoint::new().velocity(40_000));
+    rig.wait_accepted(id);
+    let set = rig.send(percent(24.0));
+    assert_eq!(rig.finish(set), too_slow(9_600));
+    // No other is too slow by it. With it set, moves are, also one that leaves its velocity out.
+    rig.assert_reached(id, FAR);
+    let set = rig.send(percent(19.0));
+    assert_eq!(rig.finish(set), Ok(Completion::Done));
+    for (set_point, asked) in [
+        (SetPoint::new(), 9_500),
+        (SetPoint::new().velocity(52_000), 9_880),
+    ] {
+        let next = rig.abs(0, set_point);
+        assert_eq!(rig.finish(next), too_slow(asked));
+    }
+    let next = rig.abs(0, SetPoint::new().velocity(53_000));
+    rig.assert_reached(next, 0);
+    assert_eq!(rig.ledger().len(), 2);
 }
 
 /// What is held leads nowhere, at any override.

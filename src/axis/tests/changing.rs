@@ -13,7 +13,9 @@ use crate::{
         WaitingFor,
     },
     ds402::{Mode, State, SupportedModes},
-    profile_position::{Limits, MoveCommand, Parameters, PositionRange, Reference, RelativeBase},
+    profile_position::{
+        Limits, MinVelocity, MoveCommand, Parameters, PositionRange, Reference, RelativeBase,
+    },
     profile_velocity::JogSetPoint,
 };
 
@@ -454,6 +456,79 @@ fn jogs_are_held_within_the_greatest_velocity() {
     assert!(!drive.core.release_jog(now, jog, &mut drive.outputs));
     drive.shows_for(60, REACHED);
     assert_eq!(drive.core.jog(), None);
+}
+
+/// 2010h is 300, and in the unit of 6081h; the drive holds this in 6081h.
+fn with_least(held: u32) -> CoreConfig {
+    let mut config = Played::config();
+    config.traits.limits.min_velocity = MinVelocity::AsProfileVelocity;
+    config.limits.min_velocity = Some(300);
+    config.defaults.velocity = Some(held);
+    config
+}
+
+fn with_velocity(velocity: u32) -> Command {
+    let mut command = absolute(0);
+    command.set_point = SetPoint::new().velocity(velocity);
+    Command::CheckMove(command)
+}
+
+fn too_slow(asked: u32) -> Option<Result<Completion, Failure>> {
+    refused(Failure::TooSlow { asked, least: 300 })
+}
+
+#[test]
+fn a_move_below_the_least_velocity_is_refused_and_one_that_leaves_it_out_by_what_the_drive_holds() {
+    let mapped = |held| {
+        let mut config = with_least(held);
+        // In place of 60FFh.
+        config.fields.velocity = config.fields.target_velocity.take();
+        Played::enabled(config)
+    };
+    let mut drive = mapped(299);
+    assert_eq!(drive.answer(with_velocity(299)), too_slow(299));
+    assert_eq!(drive.answer(with_velocity(300)), DONE);
+    let left_out = || Command::Move(absolute(0));
+    assert_eq!(drive.answer(left_out()), too_slow(299));
+    assert_eq!(mapped(300).answer(left_out()), None, "it is sent");
+    // A velocity of 0 keeps its own text.
+    let zero = Some(Err(Failure::Parameter {
+        name: "profile velocity 6081h",
+        fault: ParameterFault::Zero,
+    }));
+    assert_eq!(drive.answer(with_velocity(0)), zero);
+    // Not mapped, it is checked before it is written by SDO. The move that comes after that has none.
+    let mut drive = Played::enabled(with_least(299));
+    assert_eq!(drive.answer(with_velocity(299)), too_slow(299));
+    assert_eq!(drive.answer(with_velocity(300)), DONE);
+    assert_eq!(drive.answer(left_out()), None, "it is sent");
+}
+
+#[test]
+fn a_least_velocity_of_unknown_unit_refuses_nothing() {
+    for what in [MinVelocity::Absent, MinVelocity::UnitUnknown] {
+        let mut config = with_least(300);
+        config.traits.limits.min_velocity = what;
+        let mut drive = Played::enabled(config);
+        assert_eq!(drive.answer(with_velocity(1)), DONE, "{what:?}");
+    }
+}
+
+#[test]
+fn a_jog_is_never_slower_than_the_least_velocity() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, with_least(300));
+    for velocity in [299, -299, 1] {
+        let answer = drive.answer(Command::CheckJog(velocity));
+        assert_eq!(answer, too_slow(velocity.unsigned_abs()));
+        let jog = Command::Jog(JogSetPoint::new(velocity));
+        assert_eq!(drive.answer(jog), too_slow(velocity.unsigned_abs()));
+    }
+    let jog = drive.submit(Command::Jog(JogSetPoint::new(-300)));
+    for (velocity, goes_out) in [(-300, -300), (299, 0), (-400, -400), (0, 0), (300, 300)] {
+        let followed = drive.core.set_jog(jog, velocity, &mut drive.outputs);
+        assert_eq!(followed, velocity == goes_out, "{velocity}");
+        assert_eq!(drive.target_velocity(), goes_out, "{velocity}");
+    }
 }
 
 #[test]

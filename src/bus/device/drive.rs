@@ -20,7 +20,7 @@ use crate::{
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
     pdo_map::{Direction, Layout, Mapping},
-    profile_position::{Limits, PositionRange, RelativeBase},
+    profile_position::{Limits, LimitsRule, MinVelocity, PositionRange, RelativeBase},
     units::{AxisScale, DriveUnits, Ratio, ScaleMismatch},
 };
 
@@ -59,6 +59,7 @@ struct HeldLimits {
     home_offset: Option<i32>,
     position_range: [Option<i32>; 2],
     max_velocity: Option<u32>,
+    min_velocity: Option<u16>,
 }
 
 impl HeldLimits {
@@ -84,6 +85,7 @@ impl HeldLimits {
             home_offset: self.home_offset.unwrap_or(0),
             position_range: range(self.position_range),
             max_velocity: self.max_velocity,
+            min_velocity: self.min_velocity,
         }
     }
 }
@@ -356,7 +358,8 @@ impl Drive {
             (Some(_), None | Some(Turn::These(_)))
         );
         if !are_declared {
-            due.read_limits(&mut ready.held).await?;
+            let rule = &ready.config.traits.limits;
+            due.read_limits(rule, &mut ready.held).await?;
         }
         match due.reading {
             Reading::Overwritten => Ok(()),
@@ -427,7 +430,11 @@ impl Due<'_> {
         Ok(())
     }
 
-    async fn read_limits(&self, held: &mut HeldLimits) -> Result<(), StepError> {
+    async fn read_limits(&self, rule: &LimitsRule, held: &mut HeldLimits) -> Result<(), StepError> {
+        if rule.min_velocity != MinVelocity::Absent {
+            let object = obj::MIN_PROFILE_VELOCITY;
+            self.read_into(&mut held.min_velocity, object).await?;
+        }
         for (object, place) in held.positions() {
             self.read_into(place, object).await?;
         }
@@ -586,13 +593,9 @@ mod tests {
     use super::*;
     use crate::{coe::test_device::rig, drives};
 
-    /// What is kept of an earlier start is overwritten by what the drive says now, also where it says that it has nothing any more.
-    #[test]
-    fn nothing_is_left_of_what_the_drive_said_at_an_earlier_start() {
-        let (rig, device, sdo, _) = rig();
-        let config = DriveConfig::new(drives::generic()).axis("z");
+    fn drive_of(config: DriveConfig) -> Drive {
         let mapping = config.mapping().unwrap();
-        let mut drive = Drive {
+        Drive {
             layout: mapping.layout(),
             config,
             mapping,
@@ -601,7 +604,38 @@ mod tests {
             loss: Loss::default(),
             cycle: Duration::from_millis(1),
             clocks: None,
-        };
+        }
+    }
+
+    /// 2010h of another maker is 32 bits wide, and no velocity.
+    #[test]
+    fn what_the_description_does_not_name_as_a_velocity_is_not_read_of_2010h() {
+        let (rig, device, sdo, _) = rig();
+        let objects = [0x6081, 0x6083, 0x6084, 0x2010].map(|index| ((index, 0), vec![7, 0, 0, 0]));
+        device.0.borrow_mut().objects.extend(objects);
+        let read = rig.run(async move {
+            let mut read = Vec::new();
+            for what in [MinVelocity::Absent, MinVelocity::UnitUnknown] {
+                let mut description = drives::generic();
+                description.traits.limits.min_velocity = what;
+                let mut drive = drive_of(DriveConfig::new(description).axis("z"));
+                drive.open_axes(&sdo).await.unwrap();
+                let mut ready = drive.axes.remove(0);
+                let axis = drive.config.axes[0].clone();
+                let rest = drive.read_axis(Reading::Rest, &sdo, &axis, &mut ready);
+                let is_read = rest.await.is_ok();
+                read.push(is_read.then_some(ready.config.limits.min_velocity));
+            }
+            read
+        });
+        assert_eq!(read, [Some(None), None], "named, it has another width");
+    }
+
+    /// What is kept of an earlier start is overwritten by what the drive says now, also where it says that it has nothing any more.
+    #[test]
+    fn nothing_is_left_of_what_the_drive_said_at_an_earlier_start() {
+        let (rig, device, sdo, _) = rig();
+        let mut drive = drive_of(DriveConfig::new(drives::generic()).axis("z"));
         let says = move |window: u32, option: u16| {
             let mut state = device.0.borrow_mut();
             let objects = &mut state.objects;

@@ -165,8 +165,12 @@ pub(super) fn library_checks_every_target_that_it_knows() {
         let refused = rig.abs(9_000, SetPoint::new().buffer_mode(start));
         assert!(is_refused(&rig, refused, 8_000), "{start:?}");
     }
-    // The base of the first distance is not documented, and the drive limits the move: the axis rests where it may lead.
-    let id = rig.rel(9_000, SetPoint::new());
+    // The base of the first distance is not documented: it is checked from where the axis stands.
+    let refused = rig.rel(8_001, SetPoint::new());
+    rig.run(5);
+    assert!(is_refused(&rig, refused, 8_000));
+    assert!(rig.ledger().is_empty());
+    let id = rig.rel(8_000, SetPoint::new());
     assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 8_000 }));
     assert_eq!(rig.drive.position(), 8_000);
 }
