@@ -75,6 +75,8 @@ fn pressing_ends_at_max_torque_and_never_reaches_the_target() {
                 assert!(torque <= 300, "{torque}");
                 assert!(!contact || torque >= before, "{torque} after {before}");
                 assert!(!bench.bit(10));
+                // It stands although the demand goes on.
+                assert!(before < 300 || bench.axis.velocity() == 0.0);
                 before = if contact { torque } else { 0 };
             }
             assert_eq!(bench.get(0x6077), way * 300);
@@ -142,43 +144,72 @@ fn each_direction_has_its_own_limit_and_6072h_holds_for_both() {
 }
 
 #[test]
-fn the_shaft_leaves_the_wall_without_a_jump() {
-    for plant in [Plant::ideal(), soft()] {
+fn the_shaft_meets_and_leaves_the_wall_without_a_jump() {
+    // 100 counts behind a demand of 10 000 counts/s.
+    let lagging = Plant {
+        feed_forward: 0.5,
+        ..soft()
+    };
+    for plant in [Plant::ideal(), soft(), lagging] {
         let mut bench = Bench::with(plant);
         bench.set(0x6072, 200);
         bench.axis.put_wall(2_000, 0.5);
-        bench.start(0x0F, 4_000);
-        bench.run(2_000);
-        assert_eq!(bench.axis.position(), 2_400);
-        bench.start(0x0F, 0);
-        let (mut before, mut torque) = (2_400, 200);
-        for _ in 0..3_000 {
-            bench.run(1);
-            // 10 000 counts/s are 10 in a cycle.
-            let step = before - bench.axis.position();
-            assert!((-1..=11).contains(&step), "{step} at {before}");
-            if before > 2_000 {
-                assert!(bench.get(0x6077) <= torque);
-                torque = bench.get(0x6077);
+        for (target, end) in [(4_000, 2_400), (0, 0)] {
+            let mut torque = bench.get(0x6077);
+            bench.start(0x0F, target);
+            let mut before = bench.axis.position();
+            for _ in 0..3_000 {
+                bench.run(1);
+                // 10 000 counts/s are 10 in a cycle.
+                let step = (bench.axis.position() - before).abs();
+                assert!(step <= 11, "{step} at {before}");
+                before = bench.axis.position();
+                if before > 2_000 {
+                    let now = bench.get(0x6077);
+                    assert!(now >= 0 && (target > 0 || now <= torque));
+                    torque = now;
+                }
             }
-            before = bench.axis.position();
+            assert_eq!(before, end);
+            assert!(target > 0 || torque <= 5, "{torque}");
+            assert_eq!(bench.bit(10), target == end);
         }
-        assert!(torque <= 5, "{torque}");
-        assert_eq!(bench.axis.position(), 0);
-        assert!(bench.bit(10));
     }
+}
+
+#[test]
+fn a_blocked_shaft_stays_in_the_wall() {
+    let mut bench = Bench::with(soft());
+    bench.set(0x6072, 200);
+    bench.axis.put_wall(2_000, 0.5);
+    bench.start(0x0F, 4_000);
+    bench.run(2_000);
+    bench.axis.disturbances().blocked = true;
+    bench.start(0x0F, 2_100);
+    bench.run(1_000);
+    assert_eq!(bench.axis.position(), 2_400);
+    bench.axis.disturbances().blocked = false;
+    bench.run(1_000);
+    assert!((2_000..2_100).contains(&bench.axis.position()));
 }
 
 #[test]
 fn a_halt_leaves_the_torque_of_the_demand_at_which_it_stands() {
     let mut bench = Bench::with(soft());
     bench.axis.put_wall(2_000, 1.0);
+    // A ramp so steep that the free shaft would run past its end by 100 counts.
+    bench.set(0x6084, 1_000_000);
     bench.start(0x0F, 8_000);
     while bench.get(0x6077) < 200 || bench.axis.position() < 2_000 {
         bench.run(1);
     }
     bench.word(0x010F);
-    bench.run(1_000);
+    let mut before = 0;
+    for _ in 0..1_000 {
+        bench.run(1);
+        assert!(bench.get(0x6077) >= before, "it only grows");
+        before = bench.get(0x6077);
+    }
     assert!(bench.bit(10), "halted, it stands");
     let (demand, velocity) = bench.axis.demand();
     assert!(demand < 5_000, "{demand}");
