@@ -17,6 +17,7 @@ use super::state::State;
 use super::status::Reached;
 use super::trajectory::Trajectory;
 use super::velocity::VelocityState;
+use super::wall::Wall;
 
 /// What an acknowledge can do wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -99,6 +100,10 @@ pub struct Axis {
     inputs: u32,
     pub(super) shaft: Shaft,
     pub(super) brake: HoldingBrake,
+    /// In the machine's counts.
+    pub(super) wall: Option<Wall>,
+    /// Thousandths of the rated torque, and the time up to which they are asked.
+    pub(super) torque_peak: Option<(i16, Duration)>,
     pub(super) lagging: VecDeque<(f64, f64)>,
     /// Where the shaft was when it moved last, in counts, and when that was.
     pub(super) anchor: i64,
@@ -146,6 +151,8 @@ impl Axis {
             machine_offset: mechanical.saturating_sub(position),
             inputs: 0,
             brake: HoldingBrake::default(),
+            wall: None,
+            torque_peak: None,
             lagging: VecDeque::new(),
             anchor: position,
             moved_at: None,
@@ -169,6 +176,7 @@ impl Axis {
             axis.shift_coordinates(self.machine_offset);
             axis.referenced = self.referenced;
         }
+        axis.wall = self.wall;
         axis.saved.clone_from(&self.saved);
         for (address, value) in &self.saved {
             axis.objects.put(*address, *value);

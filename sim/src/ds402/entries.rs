@@ -7,9 +7,10 @@ use super::objects::{
     FAULT_REACTION_OPTION, FEED, FEED_SHAFT, FOLLOWING_ERROR_ACTUAL, FOLLOWING_TIMEOUT,
     FOLLOWING_WINDOW, GEAR_MOTOR, GEAR_SHAFT, HALT_OPTION, HOME_OFFSET, HOMING_ACCELERATION,
     HOMING_METHOD, HOMING_SPEED_SWITCH, HOMING_SPEED_ZERO, LIMIT_MAX, LIMIT_MIN, MAX_ACCELERATION,
-    MAX_DECELERATION, MAX_MOTOR_SPEED, MAX_PROFILE_VELOCITY, MODE, MODE_DISPLAY, Mapping, POLARITY,
-    POSITION_ACTUAL, POSITION_DEMAND, POSITION_INTERNAL, POSITION_WINDOW, POSITION_WINDOW_TIME,
-    POSITIONING_OPTION, PROFILE_ACCELERATION, PROFILE_DECELERATION, PROFILE_TYPE, PROFILE_VELOCITY,
+    MAX_DECELERATION, MAX_MOTOR_SPEED, MAX_PROFILE_VELOCITY, MAX_TORQUE, MODE, MODE_DISPLAY,
+    Mapping, NEGATIVE_TORQUE_LIMIT, POLARITY, POSITION_ACTUAL, POSITION_DEMAND, POSITION_INTERNAL,
+    POSITION_WINDOW, POSITION_WINDOW_TIME, POSITIONING_OPTION, POSITIVE_TORQUE_LIMIT,
+    PROFILE_ACCELERATION, PROFILE_DECELERATION, PROFILE_TYPE, PROFILE_VELOCITY,
     QUICK_STOP_DECELERATION, QUICK_STOP_OPTION, RANGE_MAX, RANGE_MIN, SHUTDOWN_OPTION, STATUSWORD,
     SUPPORTED_MODES, TARGET_POSITION, TARGET_VELOCITY, TORQUE_ACTUAL, VELOCITY_ACTUAL,
     VELOCITY_DEMAND, VELOCITY_DIVISOR, VELOCITY_NUMERATOR, VELOCITY_THRESHOLD,
@@ -22,6 +23,10 @@ use Mapping::{Both, None as No, Rx, Tx};
 
 /// One turn of the assumed encoder, in counts.
 pub(super) const TURN: i64 = 1 << 20;
+
+/// Torque limits at power-up, in thousandths of the rated torque. CiA 402 leaves them to the maker; three times the rated
+/// torque is a usual peak of a servo.
+const PEAK_TORQUE: i64 = 3_000;
 
 /// One number of a factor: never 0.
 pub(super) const fn factor(address: (u16, u8), name: &'static str) -> Entry {
@@ -97,6 +102,7 @@ pub(super) static ENTRIES: &[Entry] = &[
         Rx,
         "Velocity threshold time",
     ),
+    Entry::new(MAX_TORQUE, U16, Rw, Rx, "Max torque").default(PEAK_TORQUE),
     Entry::new(TORQUE_ACTUAL, I16, Ro, Tx, "Torque actual value"),
     Entry::new(TARGET_POSITION, I32, Rw, Rx, "Target position"),
     Entry::count(0x607B, 2, "Position range limit"),
@@ -162,6 +168,8 @@ pub(super) static ENTRIES: &[Entry] = &[
     Entry::new(HOMING_ACCELERATION, U32, Rw, Rx, "Homing acceleration").default(10 * TURN),
     Entry::new(MAX_ACCELERATION, U32, Rw, Rx, "Max acceleration").default(0xFFFF_FFFF),
     Entry::new(MAX_DECELERATION, U32, Rw, Rx, "Max deceleration").default(0xFFFF_FFFF),
+    Entry::new(POSITIVE_TORQUE_LIMIT, U16, Rw, Rx, "Positive torque limit").default(PEAK_TORQUE),
+    Entry::new(NEGATIVE_TORQUE_LIMIT, U16, Rw, Rx, "Negative torque limit").default(PEAK_TORQUE),
     Entry::new(POSITIONING_OPTION, U16, Rw, Rx, "Positioning option code"),
     Entry::new(
         FOLLOWING_ERROR_ACTUAL,

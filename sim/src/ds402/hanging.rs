@@ -68,7 +68,7 @@ impl Axis {
         true
     }
 
-    fn put_down(&mut self, position: i64) {
+    pub(super) fn put_down(&mut self, position: i64) {
         self.trajectory.place(position);
         self.lagging.clear();
     }

@@ -48,6 +48,7 @@ mod status;
 mod trajectory;
 mod units;
 mod velocity;
+mod wall;
 
 pub use axis::{AckFault, Axis, Disturbances};
 pub use behaviour::{

@@ -33,6 +33,8 @@
 use core::f64::consts::TAU;
 use core::time::Duration;
 
+use super::wall::Contact;
+
 /// How the shaft of an axis follows its demand, and what the drive measures of it. Every axis has one; [`Plant::ideal`]
 /// is the axis that is exactly where its demand is.
 ///
@@ -91,7 +93,8 @@ pub struct Plant {
     pub velocity_filter: Duration,
     /// 606Ch is a whole multiple of so many counts/s, before its factor; 0 rounds nothing.
     pub velocity_step: u32,
-    /// Counts/s² by the rated torque: 1000 in 6077h. 0: 6077h shows 0.
+    /// Counts/s² by the rated torque: 1000 in 6077h. 0: 6077h shows 0 in free motion, and the loop presses against a wall as
+    /// hard as the torque limits allow for any following error.
     pub rated_acceleration: u32,
     /// Torque of friction against any motion, in thousandths of the rated one.
     pub friction: u16,
@@ -316,13 +319,14 @@ impl Shaft {
     }
 
     /// One drive cycle of `period`, after which the demand is at `position` with `velocity`. `held`: the shaft does not
-    /// turn. `reach` is how far the shaft gets for a position, in counts.
+    /// turn. `contact` is what acts on it, `reach` is how far the shaft gets for a position, in counts.
     pub(super) fn follow(
         &mut self,
         period: Duration,
         (position, velocity): (f64, f64),
         powered: bool,
         held: bool,
+        contact: Contact,
         reach: impl Fn(i64) -> i64,
     ) {
         let period = nanoseconds(period);
@@ -375,6 +379,19 @@ impl Shaft {
             }
         }
         self.counts = reached;
+        // The loop goes on as without the wall, so that the shaft leaves it where the free one does.
+        let free = self.position;
+        let pressed = (!held).then(|| contact.press(free, demand, self.compliance()));
+        let pressed = pressed.flatten();
+        if let Some((position, _)) = pressed
+            && step.seconds > 0.0
+        {
+            self.position = position;
+            self.velocity = (position - old) / step.seconds;
+            self.counts = position.round() as i64;
+        }
+        let torque = pressed.map_or_else(|| self.free_torque(), |(_, torque)| torque);
+        self.torque = contact.limited(torque + contact.peak).round() as i16 as i64;
         self.measure(step);
     }
 
@@ -504,18 +521,31 @@ impl Shaft {
             let difference = self.encoder.saturating_sub(before) as f64 / step.seconds;
             self.estimate += step.estimate * (difference - self.estimate);
         }
-        if self.plant.rated_acceleration > 0 && !self.plant.is_rigid() {
-            let (omega, drag) = self.loop_constants();
-            // What the loop asks of the motor, apart from what it takes to change the velocity as demanded.
-            let effort = -omega * omega * self.ahead.0 - drag * self.ahead.1;
-            let friction = if self.velocity.abs() > AT_REST.1 {
-                f64::from(self.plant.friction).copysign(self.velocity)
-            } else {
-                0.0
-            };
-            let torque = effort * 1_000.0 / f64::from(self.plant.rated_acceleration) + friction;
-            self.torque = torque.round() as i16 as i64;
+    }
+
+    /// What the drive asks of its motor in free motion, in thousandths of the rated torque.
+    fn free_torque(&self) -> f64 {
+        if self.plant.rated_acceleration == 0 || self.plant.is_rigid() {
+            return 0.0;
         }
+        let (omega, drag) = self.loop_constants();
+        // What the loop asks of the motor, apart from what it takes to change the velocity as demanded.
+        let effort = -omega * omega * self.ahead.0 - drag * self.ahead.1;
+        let friction = if self.velocity.abs() > AT_REST.1 {
+            f64::from(self.plant.friction).copysign(self.velocity)
+        } else {
+            0.0
+        };
+        effort * 1_000.0 / f64::from(self.plant.rated_acceleration) + friction
+    }
+
+    /// Counts of following error at rest by each thousandth of the rated torque.
+    fn compliance(&self) -> f64 {
+        if self.plant.is_rigid() {
+            return 0.0;
+        }
+        let (omega, _) = self.loop_constants();
+        f64::from(self.plant.rated_acceleration) / (1_000.0 * omega * omega)
     }
 
     /// ω in 1/s, and 2ζω.

@@ -24,18 +24,18 @@ use Mapping::{None as No, Rx};
 
 /// The drive with 2010h: its page has no word of these objects of profile position mode.
 const WITHOUT_2010H: &[u16] = &[
-    0x606B, 0x606C, 0x606D, 0x606E, 0x606F, 0x6070, 0x607B, 0x607D, 0x607E, 0x607F, 0x6080, 0x6082,
-    0x608F, 0x6091, 0x6092, 0x6096, 0x6097, 0x60C5, 0x60C6, 0x60F2, 0x60FF,
+    0x606B, 0x606C, 0x606D, 0x606E, 0x606F, 0x6070, 0x6072, 0x607B, 0x607D, 0x607E, 0x607F, 0x6080,
+    0x6082, 0x608F, 0x6091, 0x6092, 0x6096, 0x6097, 0x60C5, 0x60C6, 0x60E0, 0x60E1, 0x60F2, 0x60FF,
 ];
 const OWN_2010H: &[Entry] = &[
     // UNSIGNED16, rw, mandatory; unit and default are in no document, assumed: counts/s and 0, which is no step.
     Entry::new(START_STOP_SPEED, U16, Rw, Rx, "Min profile velocity"),
 ];
 
-/// AX2000: the factors of DSP 402 v2 in place of those of v3. Its limits are position registers of its maker's.
+/// AX2000: the factors and the one torque limit (6072h) of DSP 402 v2 in place of those of v3. Its limits are position registers of its maker's.
 const WITHOUT_AX2000: &[u16] = &[
     0x607B, 0x607D, 0x607E, 0x607F, 0x6080, 0x6082, 0x608F, 0x6091, 0x6092, 0x6096, 0x60C5, 0x60C6,
-    0x60F2,
+    0x60E0, 0x60E1, 0x60F2,
 ];
 const OWN_AX2000: &[Entry] = &[
     // From −(2³¹ − 1), not −2³¹.

@@ -44,19 +44,28 @@ impl Reached {
 impl Axis {
     /// The shaft follows the demand, by so many cycles later.
     pub(super) fn follow_demand(&mut self) {
+        let held = self.disturbances.blocked || self.is_braked();
+        if !self.state.controls()
+            && !held
+            && let Some(face) = self.pushed_back_to()
+        {
+            self.put_down(face);
+        }
         let demand = (self.trajectory.position(), self.trajectory.velocity());
         self.lagging.push_back(demand);
         while self.lagging.len() > self.behaviour.actual_lag_cycles as usize + 1 {
             self.lagging.pop_front();
         }
         let demand = self.lagging.front().copied().unwrap_or(demand);
+        let contact = self.contact();
         let machine = &self.behaviour.machine;
         let offset = self.machine_offset;
         self.shaft.follow(
             self.behaviour.period,
             demand,
             self.state.controls(),
-            self.disturbances.blocked || self.is_braked(),
+            held,
+            contact,
             |position| reach(machine, offset, position),
         );
         let moved = self.shaft.counts.saturating_sub(self.anchor);

@@ -14,6 +14,7 @@ mod sequence;
 mod states;
 mod trajectory;
 mod velocity;
+mod wall;
 
 use core::time::Duration;
 
