@@ -53,7 +53,7 @@ pub enum Command {
     /// Bit 8: pause, keeping the set-point.
     Halt,
     /// Bit 8, and at standstill a set-point to where the axis stands, then bit 8 low: the kept set-points are gone, and it stays enabled. It
-    /// ends well as [`Completion::Reached`](super::Completion::Reached), or as [`Stopped`](super::Completion::Stopped) where there was none.
+    /// is done when bit 8 was sent low.
     Hold,
     /// Bit 8 low: go on.
     Resume,

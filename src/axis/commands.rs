@@ -299,10 +299,7 @@ impl Machines {
             return;
         }
         self.stopping.halt.is_on = false;
-        self.resuming = Some(Resuming {
-            id: Some(id),
-            falls: halted,
-        });
+        self.resuming = Some(Resuming { id, falls: halted });
     }
 
     fn stop(&mut self, step: &Step<'_>, id: CommandId) {

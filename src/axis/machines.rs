@@ -199,8 +199,7 @@ pub(super) struct Machines {
 /// A resume that is not sent yet.
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Resuming {
-    /// Who waits for it.
-    pub id: Option<CommandId>,
+    pub id: CommandId,
     /// Bit 8 falls with it.
     pub falls: bool,
 }
@@ -402,8 +401,7 @@ impl Machines {
             let command = MoveCommand::to_stay_at(step.position(), sequencer.parameters());
             sequencer.submit(id, command, &mut self.events.0);
         } else {
-            self.done(id, stopped(step.state));
-            self.release_halt();
+            self.release_halt(id);
         }
     }
 
@@ -426,20 +424,21 @@ impl Machines {
     /// Where the drive has taken the set-point that keeps the axis where it stands, bit 8 falls.
     fn step_hold(&mut self) {
         let holds = self.stopping.halt.holds;
-        if holds.is_some_and(|id| self.modes.sequencer.is_held(id)) {
-            self.release_halt();
+        if let Some(id) = holds
+            && self.modes.sequencer.is_held(id)
+        {
+            // It is there, whatever presses on it.
+            self.modes.sequencer.tell(id);
+            self.release_halt(id);
         } else if self.modes.sequencer.needs_stop() {
             self.stopping.halt.holds = None;
         }
     }
 
-    /// Bit 8 falls with the next frame, and nobody waits for that.
-    const fn release_halt(&mut self) {
+    /// Bit 8 falls with the next frame.
+    const fn release_halt(&mut self, id: CommandId) {
         (self.stopping.halt.is_on, self.stopping.halt.holds) = (false, None);
-        self.resuming = Some(Resuming {
-            id: None,
-            falls: true,
-        });
+        self.resuming = Some(Resuming { id, falls: true });
     }
 
     fn apply_stop(&mut self, step: &Step<'_>, stepped: StopStep) {
@@ -642,9 +641,7 @@ impl Machines {
                 self.modes.sequencer.resumed(rules);
                 self.finish_stop(Err(Failure::Superseded));
             }
-            if let Some(id) = id {
-                self.done(id, Ok(Completion::Done));
-            }
+            self.done(id, Ok(Completion::Done));
         }
         self.modes.sequencer.disarm();
     }
@@ -807,9 +804,7 @@ impl Machines {
             if falls {
                 self.stopping.begin_halt();
             }
-            if let Some(id) = id {
-                self.done(id, Err(failure));
-            }
+            self.done(id, Err(failure));
         }
     }
 

@@ -320,7 +320,7 @@ impl<U: AxisUnit> Axis<U> {
     }
 
     /// Stops the axis, which stays enabled where it stands: bit 8, and at standstill a set-point to there in place of those that the drive
-    /// keeps, which end as [`Superseded`](crate::Failure::Superseded); then bit 8 falls. It resolves when the axis stands there. PLCopen
+    /// keeps, which end as [`Superseded`](crate::Failure::Superseded); then bit 8 falls, and it resolves. PLCopen
     /// calls it `MC_Halt`. An axis that stands without a set-point stays as it is.
     ///
     /// Once asked for it is completed, also when the future is dropped.

@@ -454,9 +454,7 @@ impl<U: AxisUnit> Move<U> {
     /// A move has no other way to end well.
     fn outcome_of(&self, completion: Completion) -> Result<Outcome<U>, Failure> {
         let at = |position| self.pending.unit.scale.position_in::<U>(position);
-        if let (Some((position, torque)), Completion::Reached { .. }) =
-            (self.pending.request.contact(), completion)
-        {
+        if let Some((position, torque)) = self.pending.request.contact() {
             return Ok(Outcome::Contact {
                 position: at(position),
                 torque,

@@ -274,6 +274,15 @@ impl Observer {
         });
     }
 
+    /// The outcome of this one is told elsewhere.
+    pub fn tell(&mut self, id: CommandId) {
+        for entry in self.entries.iter_mut().flatten() {
+            if entry.id == id {
+                entry.report = Report::Outcome;
+            }
+        }
+    }
+
     /// Whether a torque ends the one that is under way.
     pub const fn awaits_contact(&self) -> bool {
         self.contact.is_some()

@@ -143,6 +143,11 @@ impl Sequencer {
         self.observer.is_untold(id)
     }
 
+    /// The outcome of this move is told elsewhere.
+    pub fn tell(&mut self, id: CommandId) {
+        self.observer.tell(id);
+    }
+
     /// Whether only a stop makes known what the drive holds.
     pub const fn needs_stop(&self) -> bool {
         self.needs_stop

@@ -139,9 +139,9 @@ impl<U: AxisUnit> SetPoint<U> {
 
     /// Until the axis presses: the move ends as soon as torque actual value 6077h is so high in either direction, in thousandths of the
     /// rated torque, for so long. The axis is halted with the next frame, held where it then stands
-    /// ([`Axis::stop_and_hold`](crate::Axis::stop_and_hold)), and [`Outcome::Contact`](crate::Outcome::Contact) says what was seen. It goes on
-    /// pressing with what it had at that place: the drive's own limits 6072h, 60E0h and 60E1h bound the torque. Choose `lasts` longer than
-    /// the peaks of friction and of the ramps.
+    /// ([`Axis::stop_and_hold`](crate::Axis::stop_and_hold)), and [`Outcome::Contact`](crate::Outcome::Contact) says what was seen. The torque
+    /// is then what keeps it in that place. Until it stands the drive's own limits 6072h, 60E0h and 60E1h bound it. Choose `lasts` longer
+    /// than the peaks of friction and of the ramps.
     ///
     /// Dropped before its end the move is halted. It is refused where 6077h is not in the process data, with another buffer mode than
     /// `Aborting`, and where the axis cannot be held.

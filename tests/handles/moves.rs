@@ -3,8 +3,9 @@
 use std::{sync::atomic::Ordering, time::Duration};
 
 use servocrab::{
-    BufferMode, Failure, SetPoint,
+    BufferMode, Failure, Outcome, SetPoint,
     axis::{AxisErrorKind, ParameterFault, Unsupported},
+    coe::obj,
     ds402::State,
     profile_position::StartBits,
 };
@@ -252,4 +253,27 @@ fn an_override_out_of_range_or_of_a_velocity_that_is_not_mapped_is_refused() {
     let refused = machine.finish(axis.set_override(0.5)).unwrap_err();
     let text = refused.to_string();
     assert!(text.contains("6081h is not in the process data"), "{text}");
+}
+
+#[test]
+fn a_move_until_a_torque_says_where_the_axis_pressed() {
+    let mut variant = Variant::default();
+    variant.traits.acknowledges_while_halted = true;
+    variant.mapped_too.push(obj::TORQUE_ACTUAL.into());
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    machine.drive().put_wall(10_000, 0.5);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let press = SetPoint::new().until_torque(300, Duration::from_millis(20));
+    let moved = machine.finish(pp.move_abs(20_000, press)).unwrap();
+    let outcome = machine.finish(moved.done()).unwrap();
+    let Outcome::Contact { position, torque } = outcome else {
+        panic!("{outcome}");
+    };
+    assert!(
+        (10_500..13_000).contains(&position) && torque >= 300,
+        "{outcome}"
+    );
+    assert_eq!(axis.status().state, State::OperationEnabled);
+    let back = machine.finish(pp.move_abs(0, SetPoint::new())).unwrap();
+    at_target(machine.finish(back.done()).unwrap(), 0);
 }
