@@ -741,35 +741,27 @@ impl Latch {
         smol::future::or(enabled, self.no_answer(true)).await
     }
 
-    /// Ready when the drive has surely seen this probe's bits as 0, and shows it off after that.
+    /// Ready when the drive shows the probe off, after it would have shown it on.
     async fn switch_off(&self) -> Result<(), AxisError> {
         let off = async {
             self.write_function(TouchProbeFunction::empty()).await?;
-            // The next frame may be under way, the one after it has the bits.
-            let sent = self.shared().snapshot().cycle.saturating_add(2);
-            self.until_fresh(sent, TouchProbeStatus::empty()).await?;
-            // An old status may be 0 as well, of a probe that was armed and given up at once: the drive has its own cycle.
+            // The status of before may be 0 as well, of a probe that was armed and given up at once: the drive has its own cycle.
             let signals = &self.shared().setup.groups.signals;
             let seen = self.shared().notes.settings().traits.surely_seen();
             let seen = signals.sleep_until(signals.now().saturating_add(seen));
             smol::future::or(seen, self.shared().until_closed()).await;
             let after = self.shared().snapshot().cycle.saturating_add(1);
-            self.until_fresh(after, self.objects.shown).await
+            loop {
+                self.next_cycle().await?;
+                if let Some(seen) = self.look().await?
+                    && seen.cycle >= after
+                    && !seen.status.intersects(self.objects.shown)
+                {
+                    return Ok(());
+                }
+            }
         };
         smol::future::or(off, self.no_answer(false)).await
-    }
-
-    /// Ready when inputs of this cycle or a later one are there, and none of these bits is set in 60B9h.
-    async fn until_fresh(&self, cycle: u64, clear: TouchProbeStatus) -> Result<(), AxisError> {
-        loop {
-            self.next_cycle().await?;
-            if let Some(seen) = self.look().await?
-                && seen.cycle >= cycle
-                && !seen.status.intersects(clear)
-            {
-                return Ok(());
-            }
-        }
     }
 
     /// The error for a drive that does not show in time what it was told.

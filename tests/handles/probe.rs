@@ -176,29 +176,30 @@ fn a_probe_that_another_program_has_left_armed_begins_anew() {
     machine.run_beside(&mut latched, 100);
 }
 
-/// The drive has seen neither the first arming nor its end when the second begins: it takes both for one.
+/// The drive has armed the first one, and does not show that yet.
 #[test]
 fn an_edge_of_a_probe_that_was_given_up_is_not_that_of_the_next() {
-    let variant = Variant {
-        drive_cycle: 8,
-        ..mapped()
-    };
-    for given_up_after in 1..60 {
-        let (mut machine, axis) = Machine::enabled_of(&variant);
-        let mut first = Task::new(axis.probe(Probe::One).arm());
-        for _ in 0..given_up_after {
-            let _ = first.poll();
-            machine.cycle();
+    for drive_cycle in [1, 4] {
+        let variant = Variant {
+            drive_cycle,
+            ..mapped()
+        };
+        for given_up_after in 1..60 {
+            let (mut machine, axis) = Machine::enabled_of(&variant);
+            machine.drive().disturbances().touch_probe_lag_cycles = 1;
+            let mut first = Task::new(axis.probe(Probe::One).arm());
+            for _ in 0..given_up_after {
+                let _ = first.poll();
+                machine.cycle();
+            }
+            pulse(&machine);
+            machine.run(2);
+            drop(first);
+            let mut second = Task::new(axis.probe(Probe::One).arm());
+            let probe = machine.finish_task(&mut second).unwrap();
+            let mut latched = Task::new(probe.latched());
+            machine.run_beside(&mut latched, 40);
         }
-        drop(first);
-        let mut second = Task::new(axis.probe(Probe::One).arm());
-        assert!(second.poll().is_none());
-        // From here on it is surely no edge of the second one: its bits are 0.
-        pulse(&machine);
-        machine.run_beside(&mut second, 2);
-        let probe = machine.finish_task(&mut second).unwrap();
-        let mut latched = Task::new(probe.latched());
-        machine.run_beside(&mut latched, 40);
     }
 }
 

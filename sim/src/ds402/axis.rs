@@ -48,6 +48,8 @@ pub struct Disturbances {
     pub deaf_to_quick_stop: bool,
     /// 60B8h is not seen.
     pub deaf_to_touch_probe: bool,
+    /// Cycles by which 60B9h is shown late.
+    pub touch_probe_lag_cycles: u32,
     /// The shaft does not turn: the actual position stays. Released, the shaft follows its demand again.
     pub blocked: bool,
     /// Bit 10 of the statusword is 0 in homing mode until a homing has ended: "in progress" all the time.

@@ -56,6 +56,8 @@ const SOURCE: i64 = 3 << 2;
 #[derive(Debug, Clone, Default)]
 pub(super) struct TouchProbes {
     probes: [ProbeState; 2],
+    /// 60B9h of this cycle and of those before it that are not shown yet.
+    shown: VecDeque<i64>,
     /// Time of the last cycle, and where the shaft was, from the machine's zero.
     last: Option<(Duration, f64)>,
 }
@@ -145,6 +147,13 @@ impl Axis {
         }
         let [first, second] = &self.touch_probes.probes;
         let status = first.status | second.status << 8;
+        let lag = self.disturbances.touch_probe_lag_cycles as usize;
+        let shown = &mut self.touch_probes.shown;
+        shown.push_back(status);
+        while shown.len() > lag + 1 {
+            shown.pop_front();
+        }
+        let status = shown.front().copied().unwrap_or(status);
         self.objects.put(objects::TOUCH_PROBE_STATUS, status);
     }
 
