@@ -271,6 +271,18 @@ fn on_a_modulo_axis_an_edge_lies_in_the_turn_and_a_window_across_its_end() {
     }
 }
 
+/// 607Bh of it is not set, and its positions run on.
+#[test]
+fn a_position_beyond_the_turn_is_brought_into_it() {
+    let mut variant = meeting(mapped(), [Some(Mark::new(7_210, 7_300)), None]);
+    variant.modulo = Some(PositionRange { min: 0, max: 3_599 });
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let probe = armed(&mut machine, &axis);
+    let _moved = machine.finish(pp.move_rel(10_000, fast())).unwrap();
+    assert_eq!(machine.finish(probe.latched()).unwrap(), 10);
+}
+
 #[test]
 fn a_window_that_is_empty_is_refused_and_nothing_is_sent() {
     let (mut machine, axis) = Machine::enabled_of(&mapped());
