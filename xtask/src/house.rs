@@ -24,9 +24,9 @@ pub(crate) struct Args {
 }
 
 /// Files in `src/`.
-const MOST_FILES: usize = 170;
+const MOST_FILES: usize = 180;
 /// Items in `src/` that are `pub(crate)`, `pub(super)` or `pub(in …)`.
-const MOST_RESTRICTED: usize = 630;
+const MOST_RESTRICTED: usize = 640;
 /// Types in `src/` of the same name.
 const MOST_NAMESAKES: usize = 2;
 /// The mean number of words in a sentence of a page, and of the documentation in a source file.
