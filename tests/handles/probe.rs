@@ -1,6 +1,7 @@
 //! Touch probes: the position of an edge beside a running move, and nothing that is not an edge.
 
-use core::time::Duration;
+use core::{sync::atomic::Ordering, time::Duration};
+use std::sync::Arc;
 
 use servocrab::{
     Axis, AxisError, Failure, FailureClass, SetPoint,
@@ -620,17 +621,42 @@ fn a_move_until_a_probe_that_meets_nothing_arrives() {
     assert_eq!(axis.status().state, State::OperationEnabled);
 }
 
-/// By SDO a look takes longer than the rest of the way.
+/// The program is busy until the move has arrived, and a look by SDO takes a while then.
 #[test]
 fn an_edge_at_the_end_of_a_move_is_found() {
-    let marks = [Some(Mark::new(9_990, i64::MAX)), None];
-    for variant in [mapped(), by_sdo()] {
-        let (mut machine, axis) = Machine::enabled_of(&meeting(variant, marks));
-        let pp = machine.finish(axis.profile_position()).unwrap();
-        let request = pp.abs(10_000, fast());
-        let probed = machine.finish(pp.move_until_probe(request, axis.probe(Probe::One)));
-        assert_eq!(probed.unwrap(), Probed::Edge { position: 9_990 });
+    let marks = [Some(Mark::new(9_000, i64::MAX)), None];
+    let (mut machine, axis) = Machine::enabled_of(&meeting(by_sdo(), marks));
+    let sdo = Arc::clone(&machine.stations[0].sdo);
+    sdo.slow.store(true, Ordering::Relaxed);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let request = pp.abs(10_000, fast());
+    let mut probed = Task::new(pp.move_until_probe(request, axis.probe(Probe::One)));
+    while axis.status().position < 2_000 {
+        assert!(probed.poll().is_none());
+        machine.cycle();
     }
+    machine.run(1_000);
+    assert!(machine.is_at(10_000));
+    let probed = machine.finish_task(&mut probed).unwrap();
+    assert_eq!(probed, Probed::Edge { position: 9_000 });
+    assert_eq!(axis.status().state, State::OperationEnabled);
+}
+
+/// A statusword without bit 2, once.
+#[test]
+fn one_wrong_statusword_ends_no_wait_for_an_edge() {
+    let (mut machine, axis) = Machine::enabled_of(&mapped());
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let probe = armed(&mut machine, &axis);
+    let _moved = machine.finish(pp.move_abs(50_000, fast())).unwrap();
+    let mut latched = Task::new(probe.latched());
+    for _ in 0..3 {
+        machine.run_beside(&mut latched, 5);
+        machine.stations[0].lacks = 0x0004;
+    }
+    machine.run_beside(&mut latched, 20);
+    pulse(&machine);
+    machine.finish_task(&mut latched).unwrap();
 }
 
 #[test]
