@@ -6,7 +6,7 @@ use core::{
     fmt,
     marker::PhantomData,
     ops::RangeInclusive,
-    sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering},
+    sync::atomic::{AtomicBool, AtomicU16, Ordering},
     time::Duration,
 };
 use std::sync::Arc;
@@ -28,8 +28,6 @@ use super::{
 
 /// So long a drive may take to show what it was told in 60B8h.
 const ANSWER: Duration = Duration::from_secs(1);
-/// No cycle.
-const NEVER: u64 = u64::MAX;
 
 /// One of the two touch probes of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -287,7 +285,6 @@ impl<U: AxisUnit> ProbeRequest<U> {
             turn,
             window,
             was_enabled: AtomicBool::new(false),
-            left_in: AtomicU64::new(NEVER),
             shown: AtomicU16::new(0),
         };
         if function.is_none() {
@@ -688,8 +685,6 @@ struct Latch {
     window: Option<Window>,
     /// Whether the axis was in Operation enabled since.
     was_enabled: AtomicBool,
-    /// The cycle in which it was seen elsewhere first, without being seen there since.
-    left_in: AtomicU64,
     /// 60B9h as it was seen last.
     shown: AtomicU16,
 }
@@ -821,12 +816,11 @@ impl Latch {
 
     /// Why there is to be no edge any more: the axis has left Operation enabled, or has a fault.
     async fn check_axis(&self) -> Result<(), AxisError> {
-        let snapshot = self.shared().snapshot();
-        let state = snapshot.state;
+        let state = self.shared().snapshot().state;
+        // One statusword suffices: the axis is stopped by it.
         let failure = match state {
             State::OperationEnabled => {
                 self.was_enabled.store(true, Ordering::Relaxed);
-                self.left_in.store(NEVER, Ordering::Relaxed);
                 return Ok(());
             }
             State::Fault | State::FaultReactionActive => Failure::Fault {
@@ -838,14 +832,6 @@ impl Latch {
             State::QuickStopActive => Failure::QUICK_STOPPED,
             _ => Failure::Disabled { state },
         };
-        // One statusword may be wrong, and silence repeats it.
-        let first = self.left_in.load(Ordering::Relaxed);
-        if first == NEVER {
-            self.left_in.store(snapshot.cycle, Ordering::Relaxed);
-        }
-        if first == NEVER || first == snapshot.cycle || !snapshot.answered {
-            return Ok(());
-        }
         Err(self.handles.fail(failure).await.in_unit(self.unit))
     }
 

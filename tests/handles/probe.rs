@@ -642,23 +642,6 @@ fn an_edge_at_the_end_of_a_move_is_found() {
     assert_eq!(axis.status().state, State::OperationEnabled);
 }
 
-/// A statusword without bit 2, once.
-#[test]
-fn one_wrong_statusword_ends_no_wait_for_an_edge() {
-    let (mut machine, axis) = Machine::enabled_of(&mapped());
-    let pp = machine.finish(axis.profile_position()).unwrap();
-    let probe = armed(&mut machine, &axis);
-    let _moved = machine.finish(pp.move_abs(50_000, fast())).unwrap();
-    let mut latched = Task::new(probe.latched());
-    for _ in 0..3 {
-        machine.run_beside(&mut latched, 5);
-        machine.stations[0].lacks = 0x0004;
-    }
-    machine.run_beside(&mut latched, 20);
-    pulse(&machine);
-    machine.finish_task(&mut latched).unwrap();
-}
-
 #[test]
 fn a_move_whose_probe_is_refused_does_not_begin() {
     let (mut machine, axis) = Machine::enabled_of(&mapped());
