@@ -5,7 +5,6 @@
 use core::{
     fmt,
     marker::PhantomData,
-    ops::RangeInclusive,
     sync::atomic::{AtomicBool, AtomicU16, Ordering},
     time::Duration,
 };
@@ -145,7 +144,7 @@ impl ProbeObjects {
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
 /// let x = net.axis("x")?;
 /// x.enable().await?;
-/// let probe = x.probe(Probe::One).edge(Edge::Rising).within(10_000..=15_000).arm().await?;
+/// let probe = x.probe(Probe::One).edge(Edge::Rising).within(10_000, 15_000).arm().await?;
 /// let positions = x.profile_position().await?;
 /// let motion = positions.move_abs(20_000, SetPoint::new().velocity(100_000)).await?;
 /// let edge = probe.latched().await?; // the axis moves on
@@ -183,18 +182,18 @@ impl<U: AxisUnit> Axis<U> {
 
 impl<U: AxisUnit> ProbeRequest<U> {
     /// The edge at which the position is held; without it [`Edge::Rising`].
-    pub fn edge(mut self, edge: Edge) -> Self {
+    pub const fn edge(mut self, edge: Edge) -> Self {
         self.edge = edge;
         self
     }
 
-    /// Only an edge at a position within this window counts, both ends included. On a modulo axis a window whose first position is above its
-    /// last one leads across the end of the turn.
+    /// Only an edge at a position from the first to the last one counts, both included. On a modulo axis a first position above the last one
+    /// leads across the end of the turn.
     ///
     /// After an edge outside of it the probe is armed again. That takes some cycles, and an edge in these is not seen:
     /// [`arm_continuous`](Self::arm_continuous) sees it.
-    pub fn within(mut self, window: RangeInclusive<U::Signed>) -> Self {
-        self.window = Some((*window.start(), *window.end()));
+    pub const fn within(mut self, first: U::Signed, last: U::Signed) -> Self {
+        self.window = Some((first, last));
         self
     }
 

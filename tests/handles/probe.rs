@@ -138,7 +138,7 @@ fn an_edge_is_in_the_unit_of_the_axis() {
     let (mut machine, _counts) = Machine::enabled_of(&variant);
     let axis = machine.stations[0].source.axis_in::<Mm>().unwrap();
     let pp = machine.finish(axis.profile_position()).unwrap();
-    let probe = axis.probe(Probe::One).within(12.3..=12.4);
+    let probe = axis.probe(Probe::One).within(12.3, 12.4);
     let probe = machine.finish(probe.arm()).unwrap();
     let _moved = machine
         .finish(pp.move_abs(20.0, SetPoint::new().velocity(100.0)))
@@ -232,7 +232,7 @@ fn an_edge_outside_of_the_window_is_none_and_the_next_one_inside_is() {
     let marks = [Some(Mark::new(2_000, 2_100).every(4_000)), None];
     let (mut machine, axis) = Machine::enabled_of(&meeting(mapped(), marks));
     let pp = machine.finish(axis.profile_position()).unwrap();
-    let probe = axis.probe(Probe::One).within(9_900..=10_100);
+    let probe = axis.probe(Probe::One).within(9_900, 10_100);
     let probe = machine.finish(probe.arm()).unwrap();
     let _moved = machine.finish(pp.move_abs(30_000, fast())).unwrap();
     assert_eq!(machine.finish(probe.latched()).unwrap(), 10_000);
@@ -251,14 +251,14 @@ fn on_a_modulo_axis_an_edge_lies_in_the_turn_and_a_window_across_its_end() {
     variant.modulo = Some(turn);
     // The first edge that the window lets through, of an axis that turns in positive direction from 0.
     for (probe, window, expected) in [
-        (Probe::One, 3_500..=100, Some(10)),
-        (Probe::Two, 3_500..=100, None),
-        (Probe::Two, 1_000..=2_000, Some(1_800)),
-        (Probe::One, 0..=3_599, Some(10)),
+        (Probe::One, (3_500, 100), Some(10)),
+        (Probe::Two, (3_500, 100), None),
+        (Probe::Two, (1_000, 2_000), Some(1_800)),
+        (Probe::One, (0, 3_599), Some(10)),
     ] {
         let (mut machine, axis) = Machine::enabled_of(&variant);
         let pp = machine.finish(axis.profile_position()).unwrap();
-        let probe = axis.probe(probe).within(window.clone());
+        let probe = axis.probe(probe).within(window.0, window.1);
         let probe = machine.finish(probe.arm()).unwrap();
         let set_point = fast().velocity(20_000);
         let _moved = machine.finish(pp.move_rel(36_000, set_point)).unwrap();
@@ -288,7 +288,7 @@ fn a_position_beyond_the_turn_is_brought_into_it() {
 fn a_window_that_is_empty_is_refused_and_nothing_is_sent() {
     let (mut machine, axis) = Machine::enabled_of(&mapped());
     let error = machine
-        .finish(axis.probe(Probe::One).within(100..=-100).arm())
+        .finish(axis.probe(Probe::One).within(100, -100).arm())
         .unwrap_err();
     assert!(matches!(
         probe_error(&error),
