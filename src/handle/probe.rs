@@ -201,7 +201,7 @@ impl<U: AxisUnit> ProbeRequest<U> {
     /// edge counts.
     ///
     /// The probe's bits in 60B8h are 0 before, until the drive has shown it off: what an earlier probe has left in 60B9h and 60BAh is no
-    /// edge. The bits of the other probe stay as they are.
+    /// edge. The bits of the other probe stay as the program has set them; those that a start-up line has set in a mapped 60B8h do not.
     ///
     /// # Errors
     /// [`AxisErrorKind::Probe`]: [`InUse`](ProbeError::InUse), [`Unreadable`](ProbeError::Unreadable) for an object that is neither mapped
