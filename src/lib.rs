@@ -123,6 +123,8 @@ mod pages {
     mod tests {}
     #[doc = include_str!("../docs/guide/own-drive.md")]
     mod own_drive {}
+    #[doc = include_str!("../docs/guide/probe.md")]
+    mod probe {}
     #[doc = include_str!("../docs/guide/service.md")]
     mod service {}
 }

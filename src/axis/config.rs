@@ -274,7 +274,7 @@ pub enum Referencing {
 
 // What a drive held, when its axis attached, of how it stops and of when it calls its axis standing.
 
-/// What the drive of an axis held, when the axis attached, of how it stops and of when it calls the axis standing:
+/// What the drive of an axis held, when the axis attached, of how it stops and of when it calls the axis standing, and how it behaves:
 /// [`Axis::drive_settings`](crate::Axis::drive_settings).
 ///
 /// ```
@@ -305,6 +305,10 @@ pub struct DriveSettings {
     pub velocity_windows: VelocityWindows,
     /// Supported drive modes 6502h. None where the drive has no such object.
     pub supported_modes: Option<SupportedModes>,
+    /// One turn of a modulo axis; none of other axes.
+    pub turn: Option<PositionRange>,
+    /// How its Profile Position mode behaves, as the axis was configured.
+    pub traits: Traits,
 }
 
 #[cfg(feature = "std")]
@@ -315,6 +319,8 @@ impl DriveSettings {
             stop_options: config.stop_options,
             velocity_windows: config.velocity_windows,
             supported_modes: config.supported_modes,
+            turn: config.modulo,
+            traits: config.traits,
         }
     }
 }

@@ -41,7 +41,8 @@ pub(crate) use snapshot::SnapshotChange;
 
 #[cfg(feature = "std")]
 pub use crate::handle::{
-    AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, AxisStatistics,
-    BoxFuture, GroupQueue, Groups, InputField, Liveness, LivenessWatch, MotionEnd, NoParameters,
-    OutputField, ParameterAccess, Sampled, Stale, StartTogether, StopHandle,
+    ArmedProbe, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
+    AxisStatistics, BoxFuture, ContinuousProbe, Edge, GroupQueue, Groups, InputField, Liveness,
+    LivenessWatch, MotionEnd, NoParameters, OutputField, ParameterAccess, Probe, ProbeError,
+    ProbeRequest, Probed, ProbedEdge, Sampled, Stale, StartTogether, StopHandle,
 };

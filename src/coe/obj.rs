@@ -143,6 +143,16 @@ objects! {
     INTERPOLATION_PERIOD_EXPONENT, 0x60C2:2, i8, ReadWrite, NO, None, "interpolation time period: exponent of ten, of seconds";
     MAX_ACCELERATION, 0x60C5:0, u32, ReadWrite, RX, Acceleration, "max acceleration";
     MAX_DECELERATION, 0x60C6:0, u32, ReadWrite, RX, Acceleration, "max deceleration";
+    TOUCH_PROBE_1_SOURCE, 0x60D0:1, i16, ReadWrite, NO, None, "touch probe source: touch probe 1";
+    TOUCH_PROBE_2_SOURCE, 0x60D0:2, i16, ReadWrite, NO, None, "touch probe source: touch probe 2";
+    TOUCH_PROBE_1_POSITIVE_TIME, 0x60D1:0, u32, ReadOnly, TX, Nanoseconds, "touch probe 1: time stamp of the positive edge";
+    TOUCH_PROBE_1_NEGATIVE_TIME, 0x60D2:0, u32, ReadOnly, TX, Nanoseconds, "touch probe 1: time stamp of the negative edge";
+    TOUCH_PROBE_2_POSITIVE_TIME, 0x60D3:0, u32, ReadOnly, TX, Nanoseconds, "touch probe 2: time stamp of the positive edge";
+    TOUCH_PROBE_2_NEGATIVE_TIME, 0x60D4:0, u32, ReadOnly, TX, Nanoseconds, "touch probe 2: time stamp of the negative edge";
+    TOUCH_PROBE_1_POSITIVE_COUNTER, 0x60D5:0, u16, ReadOnly, TX, None, "touch probe 1: counter of positive edges";
+    TOUCH_PROBE_1_NEGATIVE_COUNTER, 0x60D6:0, u16, ReadOnly, TX, None, "touch probe 1: counter of negative edges";
+    TOUCH_PROBE_2_POSITIVE_COUNTER, 0x60D7:0, u16, ReadOnly, TX, None, "touch probe 2: counter of positive edges";
+    TOUCH_PROBE_2_NEGATIVE_COUNTER, 0x60D8:0, u16, ReadOnly, TX, None, "touch probe 2: counter of negative edges";
     POSITIVE_TORQUE_LIMIT, 0x60E0:0, u16, ReadWrite, RX, ThousandthsOfRatedTorque, "positive torque limit";
     NEGATIVE_TORQUE_LIMIT, 0x60E1:0, u16, ReadWrite, RX, ThousandthsOfRatedTorque, "negative torque limit";
     SUPPORTED_HOMING_METHODS, 0x60E3:0, u8, ReadOnly, NO, None, "supported homing methods: number of methods";

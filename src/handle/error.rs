@@ -12,6 +12,8 @@ use crate::{
     units::{AxisUnit, Counts, Scale, ScaleError},
 };
 
+use super::ProbeError;
+
 /// An operation of an axis did not end well.
 ///
 /// The kind is in the drive's units. The text has positions and velocities in the unit of the handle.
@@ -351,6 +353,9 @@ pub enum AxisErrorKind {
     /// An object could not be read or written by SDO.
     #[error("{0}")]
     Sdo(Arc<SdoError>),
+    /// A touch probe cannot be used as it was asked for, or its drive does not do what it was told.
+    #[error("{0}")]
+    Probe(ProbeError),
     /// The caller waited no longer; nothing was stopped by that.
     #[error(
         "no outcome within {within:?} (statusword {statusword}, controlword {controlword}); it goes on, unless it is stopped"

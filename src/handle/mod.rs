@@ -19,6 +19,7 @@ mod output_cells;
 mod parameters;
 mod pending;
 mod port;
+mod probe;
 mod profile_position;
 mod profile_velocity;
 mod queue;
@@ -45,6 +46,9 @@ pub use field::{InputField, OutputField};
 pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
 pub use homing::{Home, Homed, Homing};
 pub use port::AxisPort;
+pub use probe::{
+    ArmedProbe, ContinuousProbe, Edge, Probe, ProbeError, ProbeRequest, Probed, ProbedEdge,
+};
 pub use profile_position::{Done, Move, MoveRequest, Outcome, ProfilePosition};
 pub use profile_velocity::{Jog, ProfileVelocity};
 pub use sampled::{Sampled, Stale};

@@ -49,6 +49,20 @@ impl OutputCells {
         true
     }
 
+    /// Sets these bits of the one at this place, and leaves its others as they were set; false if there is none.
+    pub fn change(&self, cell: usize, mask: u32, bits: u32) -> bool {
+        let Some(cell) = self.0.get(cell) else {
+            return false;
+        };
+        let change = |value: u64| NEW | WRITTEN | u64::from(value as u32 & !mask | bits & mask);
+        let _ = cell
+            .value
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, |value| {
+                Some(change(value))
+            });
+        true
+    }
+
     /// What the one at this place was set to, if it was.
     pub fn get(&self, cell: usize) -> Option<u32> {
         let value = self.0.get(cell)?.value.load(Ordering::Acquire);

@@ -38,6 +38,10 @@ pub(super) struct Shared {
     pub stops: Stops,
     pub notes: DriveNotes,
     pub outputs: OutputCells,
+    /// The touch probes that are in use: all bits of each in 60B8h.
+    pub probes: AtomicU16,
+    /// Held by a future that changes 60B8h by SDO.
+    pub probe_turn: smol::lock::Mutex<()>,
     pub waiters: Arc<Waiters>,
     /// How often a snapshot has shown something new.
     pub changes: AtomicU64,
@@ -83,6 +87,8 @@ impl Shared {
             stops: Stops::new(),
             notes: DriveNotes::new(core.drive_settings()),
             outputs: OutputCells::of(&setup.layout),
+            probes: AtomicU16::new(0),
+            probe_turn: smol::lock::Mutex::new(()),
             waiters: setup.groups.signals.waiters(),
             changes: AtomicU64::new(0),
             lease: AtomicU64::new(0),
@@ -279,6 +285,13 @@ impl Shared {
     pub fn note_home_offset(&self, start: u64, offset: i32) {
         self.notes.note_home_offset(start, offset);
         self.ask();
+    }
+
+    /// Sends these bits of an output from the next cycle on, beside what others have set of it.
+    pub fn change_output(&self, cell: usize, mask: u32, bits: u32) {
+        if self.outputs.change(cell, mask, bits) {
+            self.ask();
+        }
     }
 
     pub fn write_output(&self, cell: usize, raw: u32) {

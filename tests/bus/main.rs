@@ -30,6 +30,7 @@ mod never_at_rest;
 mod otherwise;
 mod own_time;
 mod parameters;
+mod probe;
 mod recorder;
 mod recovery;
 mod referenced;

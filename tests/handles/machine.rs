@@ -25,7 +25,7 @@ use servocrab::{
     drives,
     ds402::StopOptions,
     pdo_map::{Direction, Layout, Mapping},
-    profile_position::{Limits, Parameters, Traits},
+    profile_position::{Limits, Parameters, PositionRange, Traits},
     units::AxisScale,
 };
 use servocrab_sim::ds402;
@@ -55,6 +55,7 @@ pub(crate) struct Station {
     pub(crate) frames: Vec<Vec<u8>>,
     pub(crate) sdo: Arc<Sdo>,
     layout: Layout,
+    drive_cycle: u32,
 }
 
 pub(crate) struct Machine {
@@ -70,6 +71,10 @@ pub(crate) struct Machine {
 pub(crate) struct Variant {
     pub(crate) not_mapped: Vec<u16>,
     pub(crate) mapped_too: Vec<AnyObject>,
+    pub(crate) inputs_too: Vec<AnyObject>,
+    /// How many cycles of the bus one of the drive's is.
+    pub(crate) drive_cycle: u32,
+    pub(crate) modulo: Option<PositionRange>,
     pub(crate) behaviour: ds402::Behaviour,
     pub(crate) traits: Traits,
     pub(crate) limits: Limits,
@@ -83,6 +88,9 @@ impl Default for Variant {
         Self {
             not_mapped: Vec::new(),
             mapped_too: Vec::new(),
+            inputs_too: Vec::new(),
+            drive_cycle: 1,
+            modulo: None,
             behaviour: ds402::Behaviour::akd2g(),
             traits: drives::akd2g().traits,
             limits: Limits::trust_drive(),
@@ -176,7 +184,7 @@ impl ParameterAccess for Sdo {
             let value = if zero { 0 } else { value };
             let bytes = match object.index {
                 0x6061 => 1,
-                0x603F | 0x6086 => 2,
+                0x603F | 0x6086 | 0x60B8 | 0x60B9 | 0x60D5..=0x60D8 => 2,
                 _ => 4,
             };
             Ok(value.to_le_bytes()[..bytes].to_vec())
@@ -332,6 +340,8 @@ impl Station {
         let mut config = CoreConfig::new(fields);
         config.referencing = variant.referencing;
         config.traits = variant.traits;
+        config.traits.drive_cycle = config.traits.drive_cycle.max(CYCLE * variant.drive_cycle);
+        config.modulo = variant.modulo;
         config.limits = variant.limits;
         config.stop_options = variant.stop_options;
         config.defaults = Parameters {
@@ -385,6 +395,7 @@ impl Station {
             lacks: 0,
             sdo,
             layout,
+            drive_cycle: variant.drive_cycle,
         }
     }
 
@@ -423,7 +434,9 @@ impl Station {
         if let Some(port) = &mut self.port {
             port.after_step(&mut self.core, arrived);
         }
-        drive.cycle(now);
+        if (now.as_millis() as u32).is_multiple_of(self.drive_cycle) {
+            drive.cycle(now);
+        }
     }
 }
 
@@ -494,7 +507,7 @@ fn layout(variant: &Variant) -> Layout {
         builder = builder.object(Direction::Outputs, object);
     }
     builder = builder.tx_pdo(0x1A00);
-    for object in inputs {
+    for object in inputs.into_iter().chain(variant.inputs_too.clone()) {
         builder = builder.object(Direction::Inputs, object);
     }
     builder.build().unwrap().layout()

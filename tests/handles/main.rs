@@ -16,6 +16,7 @@ mod machine;
 mod moves;
 mod outlived;
 mod parameters;
+mod probe;
 mod stops;
 mod threads;
 mod together;

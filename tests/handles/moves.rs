@@ -259,7 +259,7 @@ fn an_override_out_of_range_or_of_a_velocity_that_is_not_mapped_is_refused() {
 fn a_move_until_a_torque_says_where_the_axis_pressed() {
     let mut variant = Variant::default();
     variant.traits.acknowledges_while_halted = true;
-    variant.mapped_too.push(obj::TORQUE_ACTUAL.into());
+    variant.inputs_too.push(obj::TORQUE_ACTUAL.into());
     let (mut machine, axis) = Machine::enabled_of(&variant);
     machine.drive().put_wall(10_000, 0.5);
     let pp = machine.finish(axis.profile_position()).unwrap();

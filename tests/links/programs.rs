@@ -307,6 +307,28 @@ fn home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable() {
 }
 
 #[test]
+fn measure_finds_a_part_at_the_other_end_of_the_cable() {
+    if !inside_namespace("programs::measure_finds_a_part_at_the_other_end_of_the_cable") {
+        return;
+    }
+    let part = ["--probe", "250000..300000"].map(str::to_owned);
+    let simulator = program("servocrab-sim");
+    let _line = simulated_on("slave0", &simulator, &["generic"], 60, &part);
+    let done = Command::new(program("examples/measure"))
+        .args(["--interface", "master0"])
+        .output()
+        .expect("it starts");
+    let (said, errors) = (
+        String::from_utf8_lossy(&done.stdout),
+        String::from_utf8_lossy(&done.stderr),
+    );
+    assert!(done.status.success(), "{said}{errors}");
+    assert!(said.contains("the part begins at 25.000 mm"), "{said}");
+    assert!(said.contains("it ends at 30.000 mm"), "{said}");
+    assert!(said.contains("touched at 30.000 mm"), "{said}");
+}
+
+#[test]
 fn ctrl_c_in_a_homing_stops_and_disables() {
     if !inside_namespace("programs::ctrl_c_in_a_homing_stops_and_disables") {
         return;

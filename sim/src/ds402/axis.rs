@@ -15,6 +15,7 @@ use super::plant::{Plant, Shaft};
 use super::power::Fault;
 use super::state::State;
 use super::status::Reached;
+use super::touch_probe::TouchProbes;
 use super::trajectory::Trajectory;
 use super::velocity::VelocityState;
 use super::wall::Wall;
@@ -46,6 +47,10 @@ pub struct Disturbances {
     pub deaf_to_halt: bool,
     /// Quick stop (bit 2 of the controlword low) is not obeyed in Operation enabled.
     pub deaf_to_quick_stop: bool,
+    /// 60B8h is not seen.
+    pub deaf_to_touch_probe: bool,
+    /// Cycles by which 60B9h is shown late.
+    pub touch_probe_lag_cycles: u32,
     /// The shaft does not turn: the actual position stays. Released, the shaft follows its demand again.
     pub blocked: bool,
     /// Bit 10 of the statusword is 0 in homing mode until a homing has ended: "in progress" all the time.
@@ -94,6 +99,7 @@ pub struct Axis {
     pub(super) reached: Reached,
     pub(super) homing: HomingState,
     pub(super) velocity: VelocityState,
+    pub(super) touch_probes: TouchProbes,
     /// What is added to a reported position to get the machine's.
     pub(super) machine_offset: i64,
     /// Digital inputs that a test sets, apart from the machine's switches.
@@ -148,6 +154,7 @@ impl Axis {
             reached: Reached::default(),
             homing: HomingState::default(),
             velocity: VelocityState::default(),
+            touch_probes: TouchProbes::default(),
             machine_offset: mechanical.saturating_sub(position),
             inputs: 0,
             brake: HoldingBrake::default(),
@@ -243,6 +250,7 @@ impl Axis {
         self.follow_demand();
         self.check_following_error();
         self.check_limit_switches();
+        self.run_touch_probes();
         let unseen = if self.disturbances.deaf_to_halt {
             0x0100
         } else {

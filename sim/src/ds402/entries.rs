@@ -12,9 +12,9 @@ use super::objects::{
     POSITION_WINDOW, POSITION_WINDOW_TIME, POSITIONING_OPTION, POSITIVE_TORQUE_LIMIT,
     PROFILE_ACCELERATION, PROFILE_DECELERATION, PROFILE_TYPE, PROFILE_VELOCITY,
     QUICK_STOP_DECELERATION, QUICK_STOP_OPTION, RANGE_MAX, RANGE_MIN, SHUTDOWN_OPTION, STATUSWORD,
-    SUPPORTED_MODES, TARGET_POSITION, TARGET_VELOCITY, TORQUE_ACTUAL, VELOCITY_ACTUAL,
-    VELOCITY_DEMAND, VELOCITY_DIVISOR, VELOCITY_NUMERATOR, VELOCITY_THRESHOLD,
-    VELOCITY_THRESHOLD_TIME, VELOCITY_WINDOW, VELOCITY_WINDOW_TIME,
+    SUPPORTED_MODES, TARGET_POSITION, TARGET_VELOCITY, TORQUE_ACTUAL, TOUCH_PROBE_FUNCTION,
+    TOUCH_PROBE_STATUS, VELOCITY_ACTUAL, VELOCITY_DEMAND, VELOCITY_DIVISOR, VELOCITY_NUMERATOR,
+    VELOCITY_THRESHOLD, VELOCITY_THRESHOLD_TIME, VELOCITY_WINDOW, VELOCITY_WINDOW_TIME,
 };
 
 use Access::{ReadOnly as Ro, ReadWrite as Rw};
@@ -33,6 +33,11 @@ pub(super) const fn factor(address: (u16, u8), name: &'static str) -> Entry {
     Entry::new(address, U32, Rw, No, name)
         .default(1)
         .range(1, 0xFFFF_FFFF)
+}
+
+/// What a touch probe has found.
+const fn probed(index: u16, kind: DataType, name: &'static str) -> Entry {
+    Entry::new((index, 0), kind, Ro, Tx, name)
 }
 
 /// All entries, by index and subindex. Where DSP 402 v2 names a default or a range it is taken; ramps and velocities are
@@ -166,8 +171,22 @@ pub(super) static ENTRIES: &[Entry] = &[
     )
     .default(TURN / 10),
     Entry::new(HOMING_ACCELERATION, U32, Rw, Rx, "Homing acceleration").default(10 * TURN),
+    Entry::new(TOUCH_PROBE_FUNCTION, U16, Rw, Rx, "Touch probe function"),
+    Entry::new(TOUCH_PROBE_STATUS, U16, Ro, Tx, "Touch probe status"),
+    probed(0x60BA, I32, "Touch probe 1 positive edge"),
+    probed(0x60BB, I32, "Touch probe 1 negative edge"),
+    probed(0x60BC, I32, "Touch probe 2 positive edge"),
+    probed(0x60BD, I32, "Touch probe 2 negative edge"),
     Entry::new(MAX_ACCELERATION, U32, Rw, Rx, "Max acceleration").default(0xFFFF_FFFF),
     Entry::new(MAX_DECELERATION, U32, Rw, Rx, "Max deceleration").default(0xFFFF_FFFF),
+    probed(0x60D1, U32, "Touch probe time stamp 1 positive value"),
+    probed(0x60D2, U32, "Touch probe time stamp 1 negative value"),
+    probed(0x60D3, U32, "Touch probe time stamp 2 positive value"),
+    probed(0x60D4, U32, "Touch probe time stamp 2 negative value"),
+    probed(0x60D5, U16, "Touch probe 1 positive edge counter"),
+    probed(0x60D6, U16, "Touch probe 1 negative edge counter"),
+    probed(0x60D7, U16, "Touch probe 2 positive edge counter"),
+    probed(0x60D8, U16, "Touch probe 2 negative edge counter"),
     Entry::new(POSITIVE_TORQUE_LIMIT, U16, Rw, Rx, "Positive torque limit").default(PEAK_TORQUE),
     Entry::new(NEGATIVE_TORQUE_LIMIT, U16, Rw, Rx, "Negative torque limit").default(PEAK_TORQUE),
     Entry::new(POSITIONING_OPTION, U16, Rw, Rx, "Positioning option code"),

@@ -35,6 +35,8 @@ pub struct Machine {
     pub index_period: u32,
     /// Where one of the index pulses is.
     pub index_at: i64,
+    /// What the inputs of touch probes 1 and 2 meet.
+    pub probes: [Option<Mark>; 2],
     /// Hard ends of travel: the shaft gets no further.
     pub ends: Option<(i64, i64)>,
     /// Counts/s² by which the axis falls, toward smaller positions, where neither the drive nor a brake holds it; 0 for one that does
@@ -47,6 +49,83 @@ pub struct Machine {
     /// own coordinates, and stays so when power is lost.
     pub absolute_encoder: bool,
 }
+
+/// Something that a touch probe meets on its way, a part or a printed mark: its input is active from the first to the last position, both
+/// included.
+///
+/// ```
+/// use servocrab_sim::ds402::{Machine, Mark};
+///
+/// // A mark of 50 counts on each turn of a table that has 3600.
+/// let machine = Machine { probes: [Some(Mark::new(100, 149).every(3_600)), None], ..Machine::default() };
+/// assert_eq!(machine.probes[0].unwrap().every, 3_600);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mark {
+    /// The first position; `i64::MIN` lets it reach to the end.
+    pub first: i64,
+    /// The last position; `i64::MAX` lets it reach to the end.
+    pub last: i64,
+    /// Counts from one such mark to the next; 0 for one alone.
+    pub every: u32,
+}
+
+impl Mark {
+    /// One mark.
+    pub const fn new(first: i64, last: i64) -> Mark {
+        Mark {
+            first,
+            last,
+            every: 0,
+        }
+    }
+
+    /// The same mark again and again.
+    #[must_use]
+    pub const fn every(mut self, counts: u32) -> Mark {
+        self.every = counts;
+        self
+    }
+
+    /// Whether it is at this position.
+    pub(super) fn contains(&self, position: f64) -> bool {
+        let past = position - self.first as f64;
+        let past = match self.every {
+            0 => past,
+            every => past.rem_euclid(every.into()),
+        };
+        (0.0..=self.last as f64 - self.first as f64).contains(&past)
+    }
+
+    /// The edges on the way from one position to another, with what the input is behind each.
+    pub(super) fn edges(&self, from: f64, to: f64) -> Vec<(f64, bool)> {
+        let (first, last) = (self.first as f64, self.last as f64);
+        // The input changes when the shaft gets to a count.
+        let ends = if from < to {
+            [(first, true), (last + 1.0, false)]
+        } else {
+            [(last, true), (first - 1.0, false)]
+        };
+        let is_passed = |at: f64| from < at && at <= to || to <= at && at < from;
+        let mut edges = Vec::new();
+        for (at, active) in ends {
+            if self.every == 0 {
+                edges.extend(is_passed(at).then_some((at, active)));
+                continue;
+            }
+            let every = f64::from(self.every);
+            let mut at = at + ((from.min(to) - at) / every).floor() * every;
+            while at <= from.max(to) && edges.len() < MOST_EDGES {
+                edges.extend(is_passed(at).then_some((at, active)));
+                at += every;
+            }
+        }
+        edges
+    }
+}
+
+/// More edges of one mark in a cycle are none: no input is as fast.
+const MOST_EDGES: usize = 64;
 
 impl Machine {
     /// The switches that are active at a position, as bits 0 to 2 of 60FDh.

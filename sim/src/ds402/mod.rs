@@ -45,6 +45,7 @@ mod rotary;
 mod set_point;
 mod state;
 mod status;
+mod touch_probe;
 mod trajectory;
 mod units;
 mod velocity;
@@ -60,7 +61,7 @@ pub use emergency::Emergency;
 pub use ledger::{
     Cause, Executed, Homing, HomingError, HomingOutcome, Outcome, VelocityEnd, VelocityPhase,
 };
-pub use machine::Machine;
+pub use machine::{Machine, Mark};
 pub use objects::{Access, DataType, Entry, Mapping, SetError};
 pub use plant::Plant;
 pub use state::State;

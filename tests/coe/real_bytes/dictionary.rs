@@ -143,8 +143,13 @@ fn assert_listed(found: &BTreeSet<(Address, Differs)>, listed: &[Listed]) {
 }
 
 /// Why the real drive differs from both sides alike.
-const OF_THE_DRIVE: [Listed; 5] = [
+const OF_THE_DRIVE: [Listed; 6] = [
     (&[(0x6007, 0)], Absent, "optional in CiA 402"),
+    (
+        &[(0x60D1, 0), (0x60D2, 0), (0x60D3, 0), (0x60D4, 0)],
+        Absent,
+        "time stamps of touch probes: optional in CiA 402",
+    ),
     (&[(0x60F2, 0)], Absent, "optional, of IEC 61800-7-201"),
     (
         &[(0x605A, 0)],
@@ -172,7 +177,13 @@ fn the_librarys_objects_have_a_real_drives_types_and_access() {
             "CiA 402: writable; that drive knows its motor",
         ),
         (
-            &[(0x6076, 0), (0x60C1, 1), (0x60E3, 0)],
+            &[
+                (0x6076, 0),
+                (0x60C1, 1),
+                (0x60D0, 1),
+                (0x60D0, 2),
+                (0x60E3, 0),
+            ],
             Absent,
             "optional in CiA 402",
         ),

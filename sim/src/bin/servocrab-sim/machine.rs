@@ -1,7 +1,7 @@
 //! The machine that the drives move, as options of the program: the same for each axis.
 
 use clap::Args;
-use servocrab_sim::ds402::Machine;
+use servocrab_sim::ds402::{Machine, Mark};
 
 /// All positions are in encoder counts from the machine's own zero.
 #[derive(Args, Clone, Debug)]
@@ -20,6 +20,9 @@ pub(crate) struct MachineArguments {
     /// Home switch: active from FROM to TO
     #[arg(long, value_name = "FROM..TO", value_parser = range, allow_hyphen_values = true)]
     home_switch: Option<(i64, i64)>,
+    /// The input of touch probe 1: active from FIRST to LAST
+    #[arg(long, value_name = "FIRST..LAST", value_parser = range, allow_hyphen_values = true)]
+    probe: Option<(i64, i64)>,
     /// Counts from one index pulse to the next, one of them at 0; without it there are none
     #[arg(long, value_name = "COUNTS", default_value_t = 0)]
     index_period: u32,
@@ -36,6 +39,7 @@ impl MachineArguments {
             positive_limit: self.limit_switches.map(|(_, high)| high),
             home_switch: self.home_switch,
             index_period: self.index_period,
+            probes: [self.probe.map(|(first, last)| Mark::new(first, last)), None],
             absolute_encoder: self.absolute_encoder,
             ..Machine::default()
         }
@@ -88,6 +92,7 @@ mod tests {
             "--limit-switches",
             "-50000..60000",
             "--home-switch=10..20",
+            "--probe=-30..40",
             "--index-period",
             "4096",
             "--absolute-encoder",
@@ -98,6 +103,7 @@ mod tests {
             positive_limit: Some(60_000),
             home_switch: Some((10, 20)),
             index_period: 4096,
+            probes: [Some(Mark::new(-30, 40)), None],
             absolute_encoder: true,
             ..Machine::default()
         };

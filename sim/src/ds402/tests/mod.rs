@@ -12,6 +12,7 @@ mod ramps;
 mod random;
 mod sequence;
 mod states;
+mod touch_probe;
 mod trajectory;
 mod velocity;
 mod wall;
