@@ -329,6 +329,26 @@ fn measure_finds_a_part_at_the_other_end_of_the_cable() {
 }
 
 #[test]
+fn press_arrives_where_nothing_is_in_the_way() {
+    if !inside_namespace("programs::press_arrives_where_nothing_is_in_the_way") {
+        return;
+    }
+    let simulator = program("servocrab-sim");
+    let _line = simulated_on("slave0", &simulator, &["generic"], 60, &[]);
+    let done = Command::new(program("examples/press"))
+        .args(["--interface", "master0"])
+        .output()
+        .expect("it starts");
+    let (said, errors) = (
+        String::from_utf8_lossy(&done.stdout),
+        String::from_utf8_lossy(&done.stderr),
+    );
+    assert!(done.status.success(), "{said}{errors}");
+    assert!(said.contains("nothing was in the way: reached 40"), "{said}");
+    assert!(said.contains("back"), "{said}");
+}
+
+#[test]
 fn ctrl_c_in_a_homing_stops_and_disables() {
     if !inside_namespace("programs::ctrl_c_in_a_homing_stops_and_disables") {
         return;
