@@ -499,6 +499,12 @@ mod tests {
             assert!(took < Duration::from_secs(2), "{took:?}");
             assert_eq!(moves(&line), 2, "the two moves to the pick");
             lock(&line).part_at_pick = true;
+            // A gripper that was left closed would show it from now on.
+            machine
+                .gripper
+                .clock
+                .sleep(Duration::from_millis(50))
+                .await?;
             machine.cycle().await?;
             Ok(gripper_error(failed))
         });
