@@ -1,8 +1,8 @@
-//! An axis without an absolute encoder, by default on an embedded simulated segment. It is homed by its limit switch, and its positions mean
-//! something from then on. It moves to some of them, and is jogged for as long as a key would be held.
+//! The axis of a CiA 402 drive without an absolute encoder, by default of a simulated one in this process. It is homed by its limit switch, and
+//! its positions mean something from then on. It moves to some of them, and is jogged for as long as a key would be held.
 //!
-//! `--interface eth0 --drive 0` takes a real drive, which has a negative limit switch and nothing in its way. Ctrl-C stops the axis,
-//! disables it and leaves OP in order.
+//! `--interface eth0 --drive 0` takes a real CiA 402 drive with one axis, which has a negative limit switch and nothing in its way. Ctrl-C
+//! stops the axis, disables it and leaves OP in order.
 
 #[path = "common/interrupt.rs"]
 mod interrupt;
@@ -23,7 +23,7 @@ use servocrab_sim::{Segment, ds402::Machine, personality::Servo};
 /// Encoder counts, and counts/s and counts/s² made of them.
 const TURN: u32 = 1 << 16;
 
-/// Homes, moves and jogs the one axis of a drive after CiA 402.
+/// Homes, moves and jogs the one axis of a CiA 402 drive.
 #[derive(Parser)]
 struct Arguments {
     /// The network interface that the drive is on; without it, a simulated drive in this process.

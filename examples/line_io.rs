@@ -1,4 +1,4 @@
-//! A whole line on an embedded simulated segment: a coupler, a drive found by its alias, a terminal with buttons and one with
+//! In this process only, on a simulated line: a coupler, an AKD2G found by its alias, a terminal with buttons and one with
 //! valves. Everything in it is declared, so that a line that was wired otherwise is refused before anything is configured.
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
@@ -33,7 +33,7 @@ const OUTPUTS: Expected = Expected::new(0, 0x444F_3038);
 /// The drive's station alias, as its switches set it.
 const LIFT: DevicePlace = DevicePlace::Alias(7);
 
-/// Runs on simulated drives in this process, and takes no arguments.
+/// Runs in this process only, on a simulated AKD2G with a coupler and two terminals, and takes no arguments.
 #[derive(Parser)]
 struct Arguments {}
 

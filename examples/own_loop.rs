@@ -1,5 +1,6 @@
-//! A program with its own ethercrab loop: it owns the `MainDevice` and the `SubDeviceGroup`, and steps one axis core a
-//! cycle. On a real link `ethercrab::std::tx_rx_task` takes the place of the simulated segment; the rest stays.
+//! In this process only, on a simulated AKD2G: a program with its own ethercrab loop. It owns the `MainDevice` and the
+//! `SubDeviceGroup`, and steps one axis core a cycle. On a real link `ethercrab::std::tx_rx_task` takes the place of the
+//! simulated segment; the rest stays.
 //!
 //! Run it with `cargo run --release --example own_loop`.
 
@@ -33,7 +34,7 @@ const CYCLE: Duration = Duration::from_millis(1);
 /// An LRW counts 1 for the inputs and 2 for the outputs of each drive.
 const EXPECTED_WORKING_COUNTER: u16 = 3;
 
-/// Runs on simulated drives in this process, and takes no arguments.
+/// Runs in this process only, on a simulated AKD2G, and takes no arguments.
 #[derive(Parser)]
 struct Arguments {}
 

@@ -1,6 +1,6 @@
-//! One move in Profile Position mode on a real link.
+//! One move of an AKD2G in Profile Position mode, on a real link.
 //!
-//! `sudo pp_move --interface eth0 --to 10000` moves the first axis of the first drive to 10 000 counts and exits with 0 when it
+//! `sudo pp_move --interface eth0 --to 10000` moves the first axis of the first drive, an AKD2G, to 10 000 counts and exits with 0 when it
 //! is there. Ctrl-C stops the axis, disables it and leaves OP in order.
 //!
 //! Without a drive: make a veth pair, run `servocrab-sim --interface a --drive akd2g` on one end and this on the other.

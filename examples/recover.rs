@@ -1,5 +1,5 @@
-//! A drive loses its power while the machine runs, on an embedded simulated segment. The other axis goes on moving, and the program
-//! gets an event. When its operator says so the drive is taken back into the running line.
+//! In this process only, on two simulated CiA 402 drives: one loses its power while the machine runs. The other axis goes on moving, and the
+//! program gets an event. When its operator says so the drive is taken back into the running line.
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
 
@@ -21,7 +21,7 @@ use servocrab::{
 };
 use servocrab_sim::{Segment, personality};
 
-/// Runs on simulated drives in this process, and takes no arguments.
+/// Runs in this process only, on two simulated CiA 402 drives, and takes no arguments.
 #[derive(Parser)]
 struct Arguments {}
 

@@ -1,4 +1,4 @@
-//! The timing diagrams of the drives' documents, drawn from runs of this library on the simulated drives: writes
+//! In this process only: the timing diagrams of the drives' documents, drawn from runs of this library on all simulated drives. Writes
 //! `target/figures/*.svg`. Virtual time, so the pictures are the same on every machine; `docs/figures/` holds copies.
 
 #[path = "../../tools/src/doctor/cable.rs"]
@@ -54,7 +54,7 @@ const FAST: SetPoint = SLOW.velocity(400_000);
 
 type Result<T = ()> = std::result::Result<T, Box<dyn Error>>;
 
-/// Runs on simulated drives in this process, and takes no arguments.
+/// Runs in this process only, on the simulated drives, and takes no arguments.
 #[derive(Parser)]
 struct Arguments {}
 

@@ -1,4 +1,4 @@
-//! The main job on an embedded simulated segment: a two-axis AKD2G is configured over CoE and both axes move in Profile
+//! The main job, in this process only: a simulated AKD2G with two axes is configured over CoE, and both move in Profile
 //! Position mode. Prints what happens as it happens, and draws it into `target/quickstart.svg`.
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
@@ -37,7 +37,7 @@ const BITS: [Bit; 6] = [
     ("fault (6041h bit 3)", Word::Status(3)),
 ];
 
-/// Runs on simulated drives in this process, and takes no arguments.
+/// Runs in this process only, on a simulated AKD2G, and takes no arguments.
 #[derive(Parser)]
 struct Arguments {}
 

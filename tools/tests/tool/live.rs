@@ -42,7 +42,13 @@ impl Machine {
         run("ip", &["link", "set", "lo", "up"]);
         let shaft = ["--stands-at", "300000", "--limit-switches", "0..100000000"];
         let shaft = shaft.map(str::to_owned);
-        let line = simulated_on("slave0", &program("servocrab-sim"), &["akd2g"], 120, &shaft);
+        let line = simulated_on(
+            "slave0",
+            &program("servocrab-sim"),
+            &["akd2g", "io"],
+            120,
+            &shaft,
+        );
         let runtime = tempfile::tempdir().unwrap();
         let mut child = Command::new(program("examples/pick_and_place"))
             .args(["--interface", "master0"])

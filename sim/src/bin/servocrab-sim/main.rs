@@ -85,7 +85,7 @@ enum Kind {
     Generic,
     /// A coupler without process data
     Coupler,
-    /// An I/O terminal without CoE, two bytes each way
+    /// An I/O terminal without CoE, two bytes each way: its inputs are wired to its outputs
     Io,
 }
 
@@ -103,7 +103,11 @@ fn main() -> ExitCode {
 
 fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>> {
     let mut segment = Segment::new();
+    let mut terminals = Vec::new();
     for one in line_order(arguments, matches) {
+        if matches!(one, OnLine::Kind(Kind::Io)) {
+            terminals.push(segment.len());
+        }
         let mut device = match one {
             OnLine::Kind(kind) => build(kind, &arguments.machine, arguments.mailbox_bytes),
             OnLine::Esi(choice) => EsiDrive::choose(choice)?
@@ -151,6 +155,9 @@ fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>
         }
         let now = start.elapsed();
         line.advance(now);
+        for place in &terminals {
+            wire_back(line.segment_mut(), *place);
+        }
         answer(&mut line, &socket, now)?;
         if let Some(trace) = &trace
             && now - flushed >= FLUSH_EVERY
@@ -168,6 +175,14 @@ fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>
     // Whoever started it may have stopped listening.
     let _ = std::io::stdout().write_all(farewell(&line).as_bytes());
     Ok(())
+}
+
+/// What a terminal puts out comes in again.
+fn wire_back(segment: &mut Segment, place: usize) {
+    if let Some(terminal) = segment.device_mut(place) {
+        let outputs = terminal.outputs().to_vec();
+        terminal.set_inputs(&outputs);
+    }
 }
 
 /// A SubDevice as the arguments name it.
