@@ -344,7 +344,10 @@ fn press_arrives_where_nothing_is_in_the_way() {
         String::from_utf8_lossy(&done.stderr),
     );
     assert!(done.status.success(), "{said}{errors}");
-    assert!(said.contains("nothing was in the way: reached 40"), "{said}");
+    assert!(
+        said.contains("nothing was in the way: reached 40"),
+        "{said}"
+    );
     assert!(said.contains("back"), "{said}");
 }
 
