@@ -6,8 +6,8 @@ use crate::{
     ds402::{Mode, PowerGoal, State},
     homing::HomingCommand,
     profile_position::{
-        BufferMode, CommandId, Completion, Delivery, MoveCommand, ParameterFault, Parameters,
-        Reference, StartBits, Unsupported, VelocityOverride,
+        BufferMode, CommandId, Completion, Delivery, MoveCommand, ParameterFault, Reference,
+        StartBits, Unsupported, VelocityOverride,
     },
     profile_velocity::JogSetPoint,
 };
@@ -208,10 +208,17 @@ impl Machines {
             return Err(not_mapped("profile velocity 6081h"));
         }
         let sequencer = &mut self.modes.sequencer;
-        for velocity in sequencer.velocities() {
-            let (limits, scaled) = (&config.limits, Some(factor.of(velocity)));
-            limits.check_velocity(scaled)?;
-            limits.check_least(scaled, &config.traits.limits)?;
+        for parameters in sequencer.open_parameters() {
+            let goes_on = parameters
+                .end_velocity
+                .is_some_and(|velocity| velocity != 0);
+            if goes_on && config.fields.end_velocity.is_none() {
+                return Err(not_mapped("end velocity 6082h"));
+            }
+            let (limits, scaled) = (&config.limits, factor.apply(parameters));
+            limits.check_velocity(scaled.velocity)?;
+            limits.check_velocity(scaled.end_velocity)?;
+            limits.check_least(scaled.velocity, &config.traits.limits)?;
         }
         sequencer.set_override(factor, &config.traits);
         Ok(())
@@ -246,6 +253,10 @@ impl Machines {
 
     /// Stops the axis, which stays enabled where it stands. An axis that stands without a set-point stays as it is.
     fn hold(&mut self, step: &Step<'_>, id: CommandId) {
+        if self.stopping.is_to_hold_for(id) {
+            // Asked for again by those who wait for it.
+            return;
+        }
         let stands = step.stands() && !self.stopping.halt.is_on && self.modes.is_idle();
         match self.check_hold(step) {
             Err(failure) => self.done(id, Err(failure)),
@@ -263,7 +274,7 @@ impl Machines {
         if self.modes.sequencer.needs_stop() {
             return Err(Failure::NeedsStop);
         }
-        can_hold(step, self.modes.sequencer.parameters())
+        can_hold(step)
     }
 
     fn resume(&mut self, step: &Step<'_>, id: CommandId) {
@@ -285,7 +296,10 @@ impl Machines {
             Some(Failure::Busy)
         } else if !halted {
             has_motion.then_some(Failure::Moving)
-        } else if sequencer.needs_stop() || self.modes.homing.is_unknown() {
+        } else if sequencer.needs_stop()
+            || sequencer.has_pressed()
+            || self.modes.homing.is_unknown()
+        {
             Some(Failure::NeedsStop)
         } else if self.modes.homing.has_motion() {
             Some(Failure::Unsupported(Unsupported::ResumeHoming))
@@ -462,7 +476,22 @@ impl Machines {
         *parameters = config.fields.complete(parameters, &config.defaults)?;
         self.check_profile_type(config, &command)?;
         check_contact(step, &command.set_point)?;
+        self.check_unmapped_end_velocity(config, &command)?;
         Ok(command)
+    }
+
+    /// An end velocity that goes by SDO is in the drive for every set-point from then on, unscaled: that of a hold, too.
+    fn check_unmapped_end_velocity(&self, config: &CoreConfig, command: &MoveCommand) -> Answer {
+        let parameters = &command.set_point.parameters;
+        let goes_on = parameters
+            .end_velocity
+            .is_some_and(|velocity| velocity != 0);
+        let scales = self.modes.sequencer.velocity_override() != VelocityOverride::NONE;
+        let matters = scales || config.traits.acknowledges_while_halted;
+        if goes_on && matters && config.fields.end_velocity.is_none() {
+            return Err(not_mapped("end velocity 6082h"));
+        }
+        Ok(())
     }
 
     fn check_profile_type(&self, config: &CoreConfig, command: &MoveCommand) -> Answer {
@@ -497,24 +526,13 @@ impl Machines {
     }
 }
 
-/// Whether the axis can be halted and held out of a move with these parameters.
-fn can_hold(step: &Step<'_>, of: &Parameters) -> Answer {
-    let traits = &step.config.traits;
-    let refuse = |reason| Err(Failure::Unsupported(Unsupported::Hold { reason }));
-    let has_unmapped_end_velocity = step.config.fields.end_velocity.is_none()
-        && of.end_velocity.is_some_and(|velocity| velocity != 0);
-    if !traits.acknowledges_while_halted {
-        refuse("its drive is not known to take a set-point while it is halted")
-    } else if let StartBits::Unsupported(reason) = traits.immediately {
-        refuse(reason)
-    } else if has_unmapped_end_velocity {
-        refuse("its end velocity 6082h is not 0, and not in the process data")
-    } else if step.bounds.turn.is_some() {
-        refuse("on a modulo axis a set-point to where it stands may lead round a turn")
-    } else if !halts_under_control(step) {
-        Err(Failure::Unsupported(Unsupported::Halt))
-    } else {
+/// Whether the axis can be halted and held.
+fn can_hold(step: &Step<'_>) -> Answer {
+    step.config.traits.check_hold(step.bounds.turn.is_some())?;
+    if halts_under_control(step) {
         Ok(())
+    } else {
+        Err(Failure::Unsupported(Unsupported::Halt))
     }
 }
 
@@ -542,5 +560,5 @@ fn check_contact(step: &Step<'_>, set_point: &SetPoint) -> Answer {
             reason: "a move until a torque begins at once, as Aborting",
         }));
     }
-    can_hold(step, &set_point.parameters)
+    can_hold(step)
 }

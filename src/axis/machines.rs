@@ -430,7 +430,8 @@ impl Machines {
             // It is there, whatever presses on it.
             self.modes.sequencer.tell(id);
             self.release_halt(id);
-        } else if self.modes.sequencer.needs_stop() {
+        } else if holds.is_some_and(|id| !self.modes.sequencer.knows(id)) {
+            // It has ended otherwise.
             self.stopping.halt.holds = None;
         }
     }
@@ -906,7 +907,8 @@ impl Machines {
         }
         self.stopping.halt.holds = None;
         if let Some(id) = self.stopping.take_hold() {
-            self.done(id, Err(failure));
+            // Of a move that has pressed the drive has the set-point.
+            self.done(id, Err(failure.with_delivery(Delivery::Accepted)));
         }
         self.modes.withdraw_unsent(failure, &mut self.events.0);
     }

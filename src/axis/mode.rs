@@ -95,6 +95,7 @@ impl Modes {
             by_sdo: self.by_sdo,
             hold: if is_anew { Timer::OVER } else { self.hold },
             reference: self.reference,
+            sequencer: self.sequencer_anew(config),
             ..Self::new(config)
         };
     }
@@ -102,11 +103,18 @@ impl Modes {
     /// The drive's settings are read, before anything moves.
     #[cfg(feature = "std")]
     pub fn know(&mut self, config: &CoreConfig) {
-        self.sequencer = Sequencer::new(config.defaults);
+        self.sequencer = self.sequencer_anew(config);
         self.reference = match self.reference {
             Reference::BeforeLoss if !config.homed => Reference::BeforeLoss,
             _ => Reference::of(config.homed),
         };
+    }
+
+    /// What the program has set stays.
+    #[cfg(feature = "std")]
+    const fn sequencer_anew(&self, config: &CoreConfig) -> Sequencer {
+        let factor = self.sequencer.velocity_override();
+        Sequencer::new(config.defaults).with_override(factor)
     }
 
     pub const fn active(&self) -> Mode {

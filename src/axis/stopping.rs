@@ -389,6 +389,12 @@ impl Stopping {
             || waiting.any(|(_, wait)| matches!(wait, Wait::Halt { holds: true, .. }))
     }
 
+    /// Whether that is so for this command.
+    pub fn is_to_hold_for(&self, id: CommandId) -> bool {
+        let mut waiting = self.waiters.iter().flatten();
+        self.halt.holds == Some(id) || waiting.any(|(waiter, _)| *waiter == id)
+    }
+
     /// Takes the one that waits to hold the axis where it is halted.
     pub fn take_hold(&mut self) -> Option<CommandId> {
         self.take_waiter(|wait| matches!(wait, Wait::Halt { holds: true, .. }))

@@ -329,11 +329,17 @@ impl<U: AxisUnit> Axis<U> {
     /// [`Unsupported::Hold`](crate::profile_position::Unsupported::Hold) where nothing was sent, and the axis moves on: its drive is not
     /// known to take a set-point while it is halted
     /// ([`Traits::acknowledges_while_halted`](crate::profile_position::Traits::acknowledges_while_halted)), the axis is a modulo axis, or
-    /// end velocity 6082h is not 0 and not mapped. Call [`stop`](Self::stop).
+    /// the drive cannot replace a move. Call [`stop`](Self::stop).
     /// [`Unknown`](crate::Failure::Unknown) when the drive does not acknowledge: bit 8 stays set, and the axis needs a stop.
     /// [`Halted`](crate::Failure::Halted) where somebody halts it meanwhile: it stays halted. In another mode than Profile Position, and
     /// else as [`halt`](Self::halt).
     pub async fn stop_and_hold(&self) -> Result<(), AxisError> {
+        let settings = self.handles.shared.notes.settings();
+        let can_hold = settings.traits.check_hold(settings.turn.is_some());
+        can_hold.map_err(|failure| {
+            let kind = AxisErrorKind::Failed(failure);
+            self.handles.shared.error(kind)
+        })?;
         self.stop_by(Command::Hold).await?;
         self.trace("stopped, and held");
         Ok(())

@@ -479,6 +479,14 @@ impl AxisPort {
             return;
         };
         let channel = request.channel();
+        // Somebody halts an axis that was to be held: it stays halted.
+        let event = match event {
+            Event::Halted if request.command == Command::Hold => {
+                let delivery = Delivery::Accepted;
+                Event::Done(Err(Failure::Halted { delivery }))
+            }
+            event => event,
+        };
         match event {
             Event::Accepted => request.accept(),
             Event::Contact { position, torque } => request.note_contact(position, torque),

@@ -392,7 +392,10 @@ impl<U: AxisUnit> ContinuousProbe<U> {
                     (Some(_), None) => 1,
                     (Some(_), Some(before)) => seen.counter.wrapping_sub(before),
                 };
-                self.counted = Some(seen.counter);
+                // Without a position its edge is still to be seen.
+                if seen.position.is_some() {
+                    self.counted = Some(seen.counter);
+                }
                 if let Some(position) = seen.position
                     && new > 0
                     && self.latch.is_within(position)

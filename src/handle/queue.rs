@@ -20,8 +20,8 @@ use super::{
 const MOTIONS: u8 = 32;
 /// Other commands under way at once, stops apart.
 const OTHERS: u8 = 16;
-/// Kinds of stops of which one each is under way: halt, stop or release, quick stop, disable.
-const STOPS: usize = 4;
+/// Kinds of stops of which one each is under way: halt, hold, stop or release, quick stop, disable.
+const STOPS: usize = 5;
 /// A stop that has failed while it was asked for again is carried out once more, beside its successor. The core holds eight stops at most.
 const STOPS_AT_MOST: usize = 4 * STOPS + 8;
 /// So many requests are under way at most.
@@ -70,9 +70,10 @@ impl Queue {
             return self.send(command, lease, asked);
         };
         let mut latest = self.stops.lock().unwrap_or_else(PoisonError::into_inner);
-        let [halt, quick_stop, disable, others] = &mut *latest;
+        let [halt, hold, quick_stop, disable, others] = &mut *latest;
         let latest = match command {
             Command::Halt => halt,
+            Command::Hold => hold,
             Command::QuickStop => quick_stop,
             Command::Disable => disable,
             _ => others,

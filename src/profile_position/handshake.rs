@@ -6,7 +6,9 @@
 
 use crate::timer::{Due, Timer, UntilSeen};
 
-use super::{CommandId, Cycle, Doubt, Ends, Failure, Parameters, pending::Request};
+use super::{
+    CommandId, Cycle, Doubt, Ends, Failure, Parameters, VelocityOverride, pending::Request,
+};
 
 /// So many frames later, at the latest, the inputs show what the drive has seen in one: it takes outputs in at one SYNC0, works
 /// until the next, and what it has put out then is fetched by the frame after that. Assumed, no document says.
@@ -85,11 +87,12 @@ pub(super) struct Raised {
 /// How far bit 4 came.
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) enum Stage {
-    /// In the outputs. 607Ah and the parameters were these before, and are so again where it is taken back. `full`: so is the buffer, for
+    /// In the outputs. 607Ah, the parameters and their override were these before, and are so again where it is taken back. `full`: so is the buffer, for
     /// all that is known.
     Unsent {
         target: i32,
         parameters: Parameters,
+        applied: VelocityOverride,
         full: bool,
     },
     /// The frame that has brought it shows nothing of it yet.

@@ -274,6 +274,12 @@ impl Observer {
         });
     }
 
+    /// Whether one is held whose torque was seen.
+    pub fn has_pressed(&self) -> bool {
+        let mut held = self.entries.iter().flatten();
+        held.any(|entry| entry.report == Report::Elsewhere)
+    }
+
     /// The outcome of this one is told elsewhere.
     pub fn tell(&mut self, id: CommandId) {
         for entry in self.entries.iter_mut().flatten() {

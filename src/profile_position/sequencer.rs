@@ -86,6 +86,13 @@ impl Sequencer {
         self.applied.apply(&self.parameters)
     }
 
+    /// With this override from the beginning.
+    #[cfg(feature = "std")]
+    pub const fn with_override(mut self, factor: VelocityOverride) -> Self {
+        (self.wanted, self.applied) = (factor, factor);
+        self
+    }
+
     pub const fn velocity_override(&self) -> VelocityOverride {
         self.wanted
     }
@@ -96,12 +103,12 @@ impl Sequencer {
         self.follow_override(traits);
     }
 
-    /// The profile velocities of the moves that wait, and of the last one that was sent.
-    pub fn velocities(&self) -> impl Iterator<Item = u32> {
+    /// The parameters of the moves that wait, and of the last one that was sent.
+    pub fn open_parameters(&self) -> impl Iterator<Item = &Parameters> {
         let waiting = self.pending.iter();
-        let waiting = waiting.map(|request| request.command.set_point.parameters.velocity);
-        let sent = self.parameters.velocity.filter(|_| self.has_set_point());
-        waiting.chain([sent]).flatten()
+        let waiting = waiting.map(|request| &request.command.set_point.parameters);
+        let sent = Some(&self.parameters).filter(|_| self.has_set_point());
+        waiting.chain(sent)
     }
 
     /// Under a high bit 4 the parameters stay as they are.
@@ -141,6 +148,21 @@ impl Sequencer {
     /// Whether the drive has acknowledged this move, and its outcome is not reported.
     pub fn is_held(&self, id: CommandId) -> bool {
         self.observer.is_untold(id)
+    }
+
+    /// Whether this move waits, is on its way, or is held with its outcome open.
+    pub fn knows(&self, id: CommandId) -> bool {
+        let waits = self.pending.iter().any(|request| request.id == id);
+        let sent = self.handshake.on_its_way();
+        waits
+            || self.handshake.unsent() == Some(id)
+            || sent.is_some_and(|sent| sent.request.id == id)
+            || self.is_held(id)
+    }
+
+    /// Whether the drive keeps a move that was pressing.
+    pub fn has_pressed(&self) -> bool {
+        self.observer.has_pressed()
     }
 
     /// The outcome of this move is told elsewhere.
@@ -479,6 +501,7 @@ impl Sequencer {
             stage: Stage::Unsent {
                 target: self.target,
                 parameters: self.parameters,
+                applied: self.applied,
                 full,
             },
         });
@@ -493,13 +516,17 @@ impl Sequencer {
     fn drop_unsent(&mut self, failure: Failure, events: &mut Events) {
         if let Handshake::High(Raised {
             sent,
-            stage: Stage::Unsent {
-                target, parameters, ..
-            },
+            stage:
+                Stage::Unsent {
+                    target,
+                    parameters,
+                    applied,
+                    ..
+                },
         }) = self.handshake
         {
             events.push(sent.request.id, Event::Done(Err(failure)));
-            (self.target, self.parameters) = (target, parameters);
+            (self.target, self.parameters, self.applied) = (target, parameters, applied);
             self.pending.keep_overtaken();
             self.handshake = Handshake::LOW;
             self.fall_of_bit_4();

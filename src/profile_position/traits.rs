@@ -202,6 +202,23 @@ impl Traits {
         buffer_mode == BufferMode::Blending && self.blend_needs_linear_ramps
     }
 
+    /// Whether an axis with this drive can be held where it is halted.
+    ///
+    /// # Errors
+    /// [`Unsupported::Hold`].
+    pub(crate) const fn check_hold(&self, is_modulo: bool) -> Result<(), Failure> {
+        let reason = if !self.acknowledges_while_halted {
+            "its drive is not known to take a set-point while it is halted"
+        } else if let StartBits::Unsupported(reason) = self.immediately {
+            reason
+        } else if is_modulo {
+            "on a modulo axis a set-point to where it stands may lead round a turn"
+        } else {
+            return Ok(());
+        };
+        Err(Failure::Unsupported(Unsupported::Hold { reason }))
+    }
+
     /// Whether the drive can start a move with this profile type, this way, after a set-point with that type.
     ///
     /// # Errors

@@ -781,3 +781,70 @@ fn who_still_waits_for_a_halt_is_told_that_the_drive_ignores_bit_8() {
     assert!(!is_quick_stopped(&machine) && machine.goes_at(10_000.0));
     machine.finish(axis.stop()).unwrap();
 }
+
+/// An enabled axis on its way, whose drive takes set-points while it is halted.
+fn holdable() -> (Machine, Axis) {
+    let mut variant = Variant::default();
+    variant.traits.acknowledges_while_halted = true;
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    machine.run(20);
+    drop((moved, pp));
+    (machine, axis)
+}
+
+#[test]
+fn a_stop_and_a_hold_asked_for_in_one_cycle_are_two() {
+    for stop_first in [true, false] {
+        let (mut machine, axis) = holdable();
+        let (mut hold, mut stop) = (Task::new(axis.stop_and_hold()), Task::new(axis.stop()));
+        if stop_first {
+            assert!(stop.poll().is_none() && hold.poll().is_none());
+        } else {
+            assert!(hold.poll().is_none() && stop.poll().is_none());
+        }
+        machine.finish_task(&mut stop).unwrap();
+        assert!(machine.finish_task(&mut hold).is_err(), "{stop_first}");
+        assert!(machine.stands());
+        assert_ne!(axis.status().state, State::OperationEnabled);
+    }
+}
+
+#[test]
+fn all_who_ask_to_hold_an_axis_get_it_held() {
+    for later in [0, 3, 60] {
+        let (mut machine, axis) = holdable();
+        let mut first = Task::new(axis.stop_and_hold());
+        assert!(first.poll().is_none());
+        for _ in 0..later {
+            machine.cycle();
+        }
+        let mut second = Task::new(axis.stop_and_hold());
+        assert!(second.poll().is_none());
+        machine.finish_task(&mut first).unwrap();
+        machine.finish_task(&mut second).unwrap();
+        machine.run(100);
+        assert!(machine.stands());
+        assert_eq!(axis.status().state, State::OperationEnabled);
+        assert_eq!(machine.drive().ledger().len(), 2, "{later}");
+    }
+}
+
+#[test]
+fn a_halt_behind_the_set_point_of_a_hold_ends_that() {
+    let (mut machine, axis) = holdable();
+    let mut hold = Task::new(axis.stop_and_hold());
+    assert!(hold.poll().is_none());
+    while machine.drive().ledger().len() < 2 {
+        machine.cycle();
+        assert!(hold.poll().is_none());
+    }
+    axis.stop_handle().halt();
+    let ended = machine.finish_task(&mut hold).unwrap_err();
+    assert!(matches!(ended.failure(), Some(Failure::Halted { .. })));
+    machine.run(100);
+    assert!(axis.status().halted);
+}

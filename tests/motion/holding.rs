@@ -220,6 +220,20 @@ fn it_is_refused_in_another_mode_without_power_and_in_a_fault() {
     assert!(matches!(rig.finish(hold), Err(Failure::Fault { .. })));
 }
 
+/// The drive would have it for the set-point of a hold as well.
+#[test]
+fn an_end_velocity_that_goes_by_sdo_is_refused_on_an_axis_that_can_be_held() {
+    let mut rig = rig(WhileHalted::Takes);
+    let id = rig.abs(5_000, SetPoint::new().end_velocity(500));
+    let failure = rig.finish(id).expect_err("it is refused");
+    assert!(
+        failure.to_string().contains("end velocity 6082h"),
+        "{failure}"
+    );
+    let id = rig.abs(5_000, SetPoint::new().end_velocity(0));
+    rig.assert_reached(id, 5_000);
+}
+
 #[test]
 fn an_aborting_move_on_a_halted_axis_takes_the_place_of_what_is_kept() {
     let (mut rig, id) = moving(WhileHalted::Takes);

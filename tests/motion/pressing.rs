@@ -9,7 +9,9 @@ use servocrab::drives;
 use servocrab::ds402::State;
 use servocrab::{
     BufferMode, Doubt, Failure, SetPoint,
-    axis::{Command, CommandId, Completion, CoreConfig, Event, ParameterFault, Unsupported},
+    axis::{
+        Command, CommandId, Completion, CoreConfig, Delivery, Event, ParameterFault, Unsupported,
+    },
 };
 use servocrab_sim::ds402::{Behaviour, Outcome, Plant, WhileHalted};
 
@@ -238,6 +240,29 @@ fn a_stop_beside_the_contact_ends_the_move_once() {
         assert!(rig.outcome(id).is_some_and(|outcome| outcome.is_err()));
         assert_rests(&mut rig);
     }
+}
+
+/// What the drive keeps of it leads into what it pressed on, without a limit.
+#[test]
+fn a_move_that_has_pressed_is_not_resumed() {
+    let mut rig = rig(80, WhileHalted::Takes, |_| {});
+    let id = rig.abs(100_000, press(60));
+    rig.run_until(500, |rig| contact(rig, id).is_some());
+    rig.run(1);
+    let halt = rig.send(Command::Halt);
+    assert!(rig.finish(halt).is_ok());
+    let ended = rig.outcome(id).expect("it has ended");
+    let halted = Failure::Halted {
+        delivery: Delivery::Accepted,
+    };
+    assert_eq!(ended, Err(halted));
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.finish(resume), Err(Failure::NeedsStop));
+    assert_rests(&mut rig);
+    let hold = rig.send(Command::Hold);
+    assert_eq!(rig.finish(hold), Ok(Completion::Done));
+    let back = rig.abs(0, SetPoint::new());
+    rig.assert_reached(back, 0);
 }
 
 /// What is missing is no torque.
