@@ -330,6 +330,7 @@ impl<U: AxisUnit> Axis<U> {
     /// known to take a set-point while it is halted
     /// ([`Traits::acknowledges_while_halted`](crate::profile_position::Traits::acknowledges_while_halted)), the axis is a modulo axis, or
     /// the drive cannot replace a move. Call [`stop`](Self::stop).
+    /// [`NeedsStop`](crate::Failure::NeedsStop), or [`LivenessExpired`](crate::Failure::LivenessExpired), whose halt it would end.
     /// [`Unknown`](crate::Failure::Unknown) when the drive does not acknowledge: bit 8 stays set, and the axis needs a stop.
     /// [`Halted`](crate::Failure::Halted) where somebody halts it meanwhile: it stays halted. In another mode than Profile Position, and
     /// else as [`halt`](Self::halt).

@@ -1174,6 +1174,30 @@ fn a_recovered_drive_that_may_still_come_to_a_mode_that_was_taken_back_starts_no
     );
 }
 
+/// An axis that is set up slowly is not fast after its drive has come back.
+#[cfg(feature = "std")]
+#[test]
+fn an_override_outlives_a_drive_that_comes_back() {
+    use crate::{axis::core::Reattach, profile_position::VelocityOverride};
+
+    let config = Played::config();
+    let mut drive = Played::enabled(config.clone());
+    let slow = VelocityOverride::new(0.05).expect("within its range");
+    let set = drive.submit(Command::SetOverride(slow));
+    assert_eq!(drive.outcome(set), Some(Ok(Completion::Done)));
+    drive.cycles(12, Brings::Nothing, REACHED);
+    let now = drive.now;
+    drive
+        .core
+        .restart(now, Reattach::Unknown, &mut drive.outputs);
+    drive.cycles(20, Brings::Answered, SWITCH_ON_DISABLED);
+    let kept = Reattach::Kept(Box::new(config));
+    drive.core.restart(now, kept, &mut drive.outputs);
+    drive.shows_for(40, SWITCH_ON_DISABLED);
+    let sequencer = &drive.core.machines.modes.sequencer;
+    assert_eq!(sequencer.velocity_override(), slow);
+}
+
 /// By its own quick stop, or in its fault reaction.
 #[test]
 fn a_mode_is_not_written_while_the_drive_stops_an_axis_by_itself() {
