@@ -1180,7 +1180,8 @@ fn a_recovered_drive_that_may_still_come_to_a_mode_that_was_taken_back_starts_no
 fn an_override_outlives_a_drive_that_comes_back() {
     use crate::{axis::core::Reattach, profile_position::VelocityOverride};
 
-    let config = Played::config();
+    let mut config = Played::config();
+    (config.fields.velocity, config.fields.target_velocity) = (Some(7), None);
     let mut drive = Played::enabled(config.clone());
     let slow = VelocityOverride::new(0.05).expect("within its range");
     let set = drive.submit(Command::SetOverride(slow));
@@ -1193,9 +1194,15 @@ fn an_override_outlives_a_drive_that_comes_back() {
     drive.cycles(20, Brings::Answered, SWITCH_ON_DISABLED);
     let kept = Reattach::Kept(Box::new(config));
     drive.core.restart(now, kept, &mut drive.outputs);
+    drive.drain();
     drive.shows_for(40, SWITCH_ON_DISABLED);
-    let sequencer = &drive.core.machines.modes.sequencer;
-    assert_eq!(sequencer.velocity_override(), slow);
+    drive.enable();
+    drive.shows_for(2, REACHED);
+    let mut fast = absolute(5_000);
+    fast.set_point.parameters.velocity = Some(20_000);
+    drive.submit(Command::Move(fast));
+    assert_eq!(drive.word() & 0x10, 0x10);
+    assert_eq!(drive.outputs[7..11], 1_000_u32.to_le_bytes());
 }
 
 /// By its own quick stop, or in its fault reaction.
