@@ -31,7 +31,7 @@ const FURTHEST: f64 = 40.0;
 const FORCE: u16 = 333;
 const LASTS: Duration = Duration::from_millis(10);
 
-/// Presses a part in, with a limited torque.
+/// Presses a part in, with a limited torque, by a CiA 402 drive.
 #[derive(Parser)]
 struct Arguments {
     /// The network interface that the drive is on; without it, a simulated drive in this process.
