@@ -30,7 +30,7 @@ const COUNTS_PER_MM: u64 = 10_000;
 const TRAVEL: f64 = 100.0;
 const SPEED: f64 = 100.0;
 
-/// Measures a part with the touch probe of a drive.
+/// Measures a part with the touch probe of a CiA 402 drive.
 #[derive(Parser)]
 struct Arguments {
     /// The network interface that the drive is on; without it, a simulated drive in this process.
