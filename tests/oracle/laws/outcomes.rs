@@ -45,10 +45,11 @@ impl Scenario {
                     && bits(issued) == Some(latch.out.word & START_BITS)
                     && issued.a_move.map(|a_move| a_move.target) == Some(latch.out.target)
             });
-            let hold = self.pending_hold().map(|id| id as usize);
-            let hold = hold.filter(|id| {
+            let mut pending = self.pending.iter().map(|id| *id as usize);
+            let hold = pending.find(|id| {
                 let hold = &self.issued[*id];
-                hold.sent && hold.latch.is_none() && latch.out.word & START_BITS == 0x20
+                let waits = hold.kind == Kind::Hold && hold.sent && hold.latch.is_none();
+                waits && latch.out.word & START_BITS == 0x20
             });
             if let Some(hold) = hold {
                 self.issued[hold].latch = Some(index);

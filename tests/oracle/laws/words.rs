@@ -87,7 +87,7 @@ impl Scenario {
     }
 
     /// The command that stops the axis and holds it, and waits for the drive to take its set-point.
-    pub(super) fn pending_hold(&self) -> Option<u32> {
+    fn pending_hold(&self) -> Option<u32> {
         let mut pending = self.pending.iter().rev().copied();
         pending.find(|id| self.issued[*id as usize].kind == Kind::Hold)
     }
