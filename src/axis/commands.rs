@@ -209,10 +209,7 @@ impl Machines {
         }
         let sequencer = &mut self.modes.sequencer;
         for parameters in sequencer.open_parameters() {
-            let goes_on = parameters
-                .end_velocity
-                .is_some_and(|velocity| velocity != 0);
-            if goes_on && config.fields.end_velocity.is_none() {
+            if parameters.goes_on() && config.fields.end_velocity.is_none() {
                 return Err(not_mapped("end velocity 6082h"));
             }
             let (limits, scaled) = (&config.limits, factor.apply(parameters));
@@ -366,10 +363,10 @@ impl Machines {
         Ok(())
     }
 
-    /// What every start of a motion needs, but a move that replaces those of a halted axis.
-    fn check_mode(&self, step: &Step<'_>, expected: Mode) -> Answer {
+    /// What every start of a motion needs. `replaces`: it takes the place of what the drive keeps while the axis is halted.
+    fn check_mode(&self, step: &Step<'_>, expected: Mode, replaces: bool) -> Answer {
         self.check_driving(step)?;
-        if self.stopping.halt.is_on {
+        if self.stopping.halt.is_on && !replaces {
             return Err(Failure::HALTED);
         }
         self.modes.check(expected, step.mode)
@@ -385,7 +382,7 @@ impl Machines {
     }
 
     fn check_homing(&self, step: &Step<'_>) -> Answer {
-        self.check_mode(step, Mode::Homing)?;
+        self.check_mode(step, Mode::Homing, false)?;
         if self.modes.homing.is_unknown() {
             Err(Failure::NeedsStop)
         } else if self.modes.homing.is_idle() {
@@ -397,7 +394,7 @@ impl Machines {
 
     /// Everything for which a jog is refused, but for ramps that are zero.
     fn check_jogging(&self, step: &Step<'_>, velocity: i32) -> Answer {
-        self.check_mode(step, Mode::ProfileVelocity)?;
+        self.check_mode(step, Mode::ProfileVelocity, false)?;
         let config = step.config;
         config.limits.check_jog(velocity, &config.traits.limits)?;
         if self.modes.jogging.is_held() {
@@ -456,12 +453,8 @@ impl Machines {
                 reason,
             }));
         }
-        if self.replaces_halted(step, &command) {
-            self.check_driving(step)?;
-            self.modes.check(Mode::ProfilePosition, step.mode)?;
-        } else {
-            self.check_mode(step, Mode::ProfilePosition)?;
-        }
+        let replaces = self.replaces_halted(step, &command);
+        self.check_mode(step, Mode::ProfilePosition, replaces)?;
         if self.modes.sequencer.needs_stop() {
             return Err(Failure::NeedsStop);
         }
@@ -482,10 +475,7 @@ impl Machines {
 
     /// An end velocity that goes by SDO is in the drive for every set-point from then on, unscaled: that of a hold, too.
     fn check_unmapped_end_velocity(&self, config: &CoreConfig, command: &MoveCommand) -> Answer {
-        let parameters = &command.set_point.parameters;
-        let goes_on = parameters
-            .end_velocity
-            .is_some_and(|velocity| velocity != 0);
+        let goes_on = command.set_point.parameters.goes_on();
         let scales = self.modes.sequencer.velocity_override() != VelocityOverride::NONE;
         let matters = scales || config.traits.acknowledges_while_halted;
         if goes_on && matters && config.fields.end_velocity.is_none() {

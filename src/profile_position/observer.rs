@@ -97,6 +97,13 @@ enum Report {
     Outcome,
 }
 
+impl Report {
+    /// Whether the outcome is to be reported here.
+    const fn is_open(self) -> bool {
+        matches!(self, Self::Nothing | Self::Halted)
+    }
+}
+
 /// A set of states of the drive's buffer: which set-point is the active one, and how far it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Worlds(u8);
@@ -302,8 +309,7 @@ impl Observer {
         let lasts = contact.pressed.update(presses, time, cycle.elapsed);
         let of = contact.of;
         let mut held = self.entries.iter_mut().flatten();
-        let is_open = |report| matches!(report, Report::Nothing | Report::Halted);
-        let Some(held) = held.find(|held| held.id == of && is_open(held.report)) else {
+        let Some(held) = held.find(|held| held.id == of && held.report.is_open()) else {
             self.contact = None;
             return None;
         };
@@ -654,8 +660,7 @@ impl Observer {
     /// Whether this one is held, and its outcome is not reported.
     pub fn is_untold(&self, id: CommandId) -> bool {
         let mut held = self.entries.iter().flatten();
-        let is_open = |report| matches!(report, Report::Nothing | Report::Halted);
-        held.any(|entry| entry.id == id && is_open(entry.report))
+        held.any(|entry| entry.id == id && entry.report.is_open())
     }
 
     /// Whether there is one whose outcome is not reported.
@@ -675,7 +680,7 @@ impl Observer {
     fn report(&mut self, place: usize, outcome: Result<Completion, Failure>, events: &mut Events) {
         if let Some(Some(entry)) = self.entries.get_mut(place)
             && let before = core::mem::replace(&mut entry.report, Report::Outcome)
-            && matches!(before, Report::Nothing | Report::Halted)
+            && before.is_open()
         {
             events.push(entry.id, Event::Done(outcome));
         }

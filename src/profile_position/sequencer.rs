@@ -401,7 +401,13 @@ impl Sequencer {
             ..
         } = *sent;
         let start = command.set_point.buffer_mode;
-        let mut entry = HeldSetPoint::new(id, start, runs_on(&command), ends, &cycle.rules);
+        let mut entry = HeldSetPoint::new(
+            id,
+            start,
+            command.set_point.parameters.goes_on(),
+            ends,
+            &cycle.rules,
+        );
         entry.turns = sent.turns;
         entry.behind = match command.reference {
             _ if self.observer.count() == 0 || start == BufferMode::Aborting => Behind::Nothing,
@@ -662,12 +668,6 @@ impl Sequencer {
             (_, None) => Ends::ANYWHERE,
         }
     }
-}
-
-/// Whether the axis goes on when it has come to the end of this move.
-fn runs_on(command: &MoveCommand) -> bool {
-    let end_velocity = command.set_point.parameters.end_velocity;
-    end_velocity.is_some_and(|velocity| velocity != 0)
 }
 
 /// Whether bit 12 of this drive shows its buffer.

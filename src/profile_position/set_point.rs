@@ -210,6 +210,13 @@ impl<U: AxisUnit> Parameters<U> {
     }
 }
 
+impl Parameters {
+    /// Whether the axis goes on at the end, by an end velocity 6082h.
+    pub(crate) fn goes_on(&self) -> bool {
+        self.end_velocity.is_some_and(|velocity| velocity != 0)
+    }
+}
+
 impl<U: AxisUnit> Default for Parameters<U> {
     fn default() -> Self {
         Self::new()

@@ -24,7 +24,7 @@ use servocrab_sim::ds402::{Axis, Behaviour, Executed, Plant};
 use frames::{Late, value};
 
 /// Position window 6067h of the drives, in counts, and of the axes.
-pub const WINDOW: i32 = 10;
+const WINDOW: i32 = 10;
 
 pub const CYCLE: Duration = Duration::from_millis(1);
 
@@ -240,6 +240,15 @@ impl Rig {
             matches!(end, Ok(Completion::Reached { position }) if is_there(position)),
             "{end:?}, not at {target}"
         );
+    }
+
+    /// It rests, and goes on resting.
+    #[track_caller]
+    pub fn assert_rests(&mut self) {
+        let stood = self.drive.position();
+        self.run(1_000);
+        let away = self.drive.position() - stood;
+        assert!(away.abs() <= i64::from(WINDOW), "{away} counts");
     }
 
     /// The shaft is there within the window of the position.

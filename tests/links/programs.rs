@@ -274,6 +274,18 @@ fn ctrl_c_in_a_bring_up_ends_it_and_takes_the_drive_back_into_init() {
     assert_eq!(rows.last().expect("rows").al_state, 1);
 }
 
+/// What this program says of the drive at the other end of the cable, where it ends well.
+fn said_by(name: &str) -> String {
+    let done = Command::new(program(name))
+        .args(["--interface", "master0"])
+        .output()
+        .expect("it starts");
+    let said = String::from_utf8_lossy(&done.stdout).into_owned();
+    let errors = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{said}{errors}");
+    said
+}
+
 #[test]
 fn home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable() {
     if !inside_namespace("programs::home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable") {
@@ -288,15 +300,7 @@ fn home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable() {
     let machine = machine.map(str::to_owned);
     let simulator = program("servocrab-sim");
     let _line = simulated_on("slave0", &simulator, &["generic"], 60, &machine);
-    let done = Command::new(program("examples/home_and_jog"))
-        .args(["--interface", "master0"])
-        .output()
-        .expect("it starts");
-    let (said, errors) = (
-        String::from_utf8_lossy(&done.stdout),
-        String::from_utf8_lossy(&done.stderr),
-    );
-    assert!(done.status.success(), "{said}{errors}");
+    let said = said_by("examples/home_and_jog");
     assert!(said.contains("referenced: true"), "{said}");
     assert!(said.contains("after homing: Reached"), "{said}");
     let refused = Command::new(program("examples/recover"))
@@ -314,15 +318,7 @@ fn measure_finds_a_part_at_the_other_end_of_the_cable() {
     let part = ["--probe", "250000..300000"].map(str::to_owned);
     let simulator = program("servocrab-sim");
     let _line = simulated_on("slave0", &simulator, &["generic"], 60, &part);
-    let done = Command::new(program("examples/measure"))
-        .args(["--interface", "master0"])
-        .output()
-        .expect("it starts");
-    let (said, errors) = (
-        String::from_utf8_lossy(&done.stdout),
-        String::from_utf8_lossy(&done.stderr),
-    );
-    assert!(done.status.success(), "{said}{errors}");
+    let said = said_by("examples/measure");
     assert!(said.contains("the part begins at 25.000 mm"), "{said}");
     assert!(said.contains("it ends at 30.000 mm"), "{said}");
     assert!(said.contains("touched at 30.000 mm"), "{said}");
@@ -335,15 +331,7 @@ fn press_arrives_where_nothing_is_in_the_way() {
     }
     let simulator = program("servocrab-sim");
     let _line = simulated_on("slave0", &simulator, &["generic"], 60, &[]);
-    let done = Command::new(program("examples/press"))
-        .args(["--interface", "master0"])
-        .output()
-        .expect("it starts");
-    let (said, errors) = (
-        String::from_utf8_lossy(&done.stdout),
-        String::from_utf8_lossy(&done.stderr),
-    );
-    assert!(done.status.success(), "{said}{errors}");
+    let said = said_by("examples/press");
     assert!(
         said.contains("nothing was in the way: reached 40"),
         "{said}"

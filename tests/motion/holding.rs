@@ -1,7 +1,7 @@
 //! Stop and hold: the axis stays enabled where it was stopped, and what the drive kept is gone. What a drive does with a set-point while it is
 //! halted decides how it ends.
 
-use crate::common::{Rig, WINDOW};
+use crate::common::Rig;
 use servocrab::ds402::{Mode, State};
 use servocrab::profile_position::PositionRange;
 use servocrab::{
@@ -37,14 +37,6 @@ fn moving(while_halted: WhileHalted) -> (Rig, CommandId) {
     (rig, id)
 }
 
-/// It rests, and goes on resting.
-fn assert_rests(rig: &mut Rig) {
-    let stood = rig.drive.position();
-    rig.run(1_000);
-    let away = rig.drive.position() - stood;
-    assert!(away.abs() <= i64::from(WINDOW), "{away} counts");
-}
-
 #[test]
 fn a_moving_axis_stops_and_stays_enabled_and_nothing_is_kept() {
     let (mut rig, id) = moving(WhileHalted::Takes);
@@ -59,7 +51,7 @@ fn a_moving_axis_stops_and_stays_enabled_and_nothing_is_kept() {
     for replaced in [id, behind] {
         assert_eq!(rig.outcome(replaced), Some(Err(Failure::Superseded)));
     }
-    assert_rests(&mut rig);
+    rig.assert_rests();
     assert_eq!(rig.statusword().state(), State::OperationEnabled);
     assert_eq!(rig.word() & 0x1FF, 0x000F);
     let outcomes: Vec<_> = rig.ledger().iter().map(|entry| entry.outcome).collect();
@@ -89,7 +81,7 @@ fn what_a_drive_does_with_a_set_point_while_it_is_halted_decides_how_it_ends() {
             "{habit:?}: {failure:?}"
         );
         // Bit 8 stays, and the axis needs a stop.
-        assert_rests(&mut rig);
+        rig.assert_rests();
         assert_eq!(rig.word() & 0x100, 0x100, "{habit:?}");
         for refused in [Command::Resume, Command::Hold] {
             let refused = rig.send(refused);
@@ -99,7 +91,7 @@ fn what_a_drive_does_with_a_set_point_while_it_is_halted_decides_how_it_ends() {
         assert!(rig.finish(stop).is_ok(), "{habit:?}");
         assert!(rig.outcome(id).is_some_and(|outcome| outcome.is_err()));
         rig.enable();
-        assert_rests(&mut rig);
+        rig.assert_rests();
         let next = rig.abs(0, SetPoint::new());
         rig.assert_reached(next, 0);
     }
@@ -169,7 +161,7 @@ fn a_halted_axis_is_held_where_it_stands() {
     let hold = rig.send(Command::Hold);
     assert!(rig.finish(hold).is_ok());
     assert_eq!(rig.outcome(id), Some(Err(Failure::Superseded)));
-    assert_rests(&mut rig);
+    rig.assert_rests();
 }
 
 #[test]
@@ -194,7 +186,7 @@ fn a_halt_or_a_stop_that_comes_meanwhile_has_its_way() {
             _ => matches!(failure, Failure::QuickStopped { .. }),
         };
         assert!(expected, "{command:?}: {failure:?}");
-        assert_rests(&mut rig);
+        rig.assert_rests();
         if command == Command::Halt {
             assert_eq!(rig.word() & 0x100, 0x100, "it stays halted");
         } else {
@@ -244,7 +236,7 @@ fn an_aborting_move_on_a_halted_axis_takes_the_place_of_what_is_kept() {
     let next = rig.abs(-4_000, SetPoint::new());
     rig.wait_accepted(next);
     assert_eq!(rig.outcome(id), Some(Err(Failure::Superseded)));
-    assert_rests(&mut rig);
+    rig.assert_rests();
     assert_eq!(rig.reports(next), [Event::Accepted, Event::Halted]);
     let resume = rig.send(Command::Resume);
     assert_eq!(rig.finish(resume), Ok(Completion::Done));

@@ -3,7 +3,7 @@
 
 use core::time::Duration;
 
-use crate::common::{Rig, WINDOW};
+use crate::common::Rig;
 use servocrab::coe::obj;
 use servocrab::drives;
 use servocrab::ds402::State;
@@ -50,13 +50,6 @@ fn contact(rig: &Rig, id: CommandId) -> Option<(i32, i16)> {
     })
 }
 
-fn assert_rests(rig: &mut Rig) {
-    let stood = rig.drive.position();
-    rig.run(1_000);
-    let away = rig.drive.position() - stood;
-    assert!(away.abs() <= i64::from(WINDOW), "{away} counts");
-}
-
 #[test]
 fn the_torque_ends_the_move_and_the_axis_is_held() {
     for target in [100_000, -100_000] {
@@ -71,7 +64,7 @@ fn the_torque_ends_the_move_and_the_axis_is_held() {
         assert_eq!(rig.words.last().map(|word| word & 0x100), Some(0x100));
         let held = rig.finish(id);
         assert_eq!(held, Ok(Completion::Done));
-        assert_rests(&mut rig);
+        rig.assert_rests();
         assert_eq!(rig.statusword().state(), State::OperationEnabled);
         assert_eq!(rig.word() & 0x1FF, 0x000F);
         let outcomes: Vec<_> = rig.ledger().iter().map(|entry| entry.outcome).collect();
@@ -108,7 +101,7 @@ fn an_axis_that_presses_against_a_wall_stops_there() {
         // Held where it stood, it gives way to the wall as far as its loop is soft.
         rig.run(500);
         assert!((20_000..21_000).contains(&rig.drive.position()));
-        assert_rests(&mut rig);
+        rig.assert_rests();
         let back = rig.abs(0, SetPoint::new());
         rig.assert_reached(back, 0);
     }
@@ -214,7 +207,7 @@ fn a_drive_that_takes_no_set_point_while_it_is_halted_stays_halted() {
             "{failure:?}"
         );
         assert!(contact(&rig, id).is_some());
-        assert_rests(&mut rig);
+        rig.assert_rests();
         assert_eq!(rig.word() & 0x100, 0x100);
     }
 }
@@ -238,7 +231,7 @@ fn a_stop_beside_the_contact_ends_the_move_once() {
         let ends = ends.filter(|event| matches!(event, Event::Done(_))).count();
         assert_eq!(ends, 1, "{command:?}");
         assert!(rig.outcome(id).is_some_and(|outcome| outcome.is_err()));
-        assert_rests(&mut rig);
+        rig.assert_rests();
     }
 }
 
@@ -258,7 +251,7 @@ fn a_move_that_has_pressed_is_not_resumed() {
     assert_eq!(ended, Err(halted));
     let resume = rig.send(Command::Resume);
     assert_eq!(rig.finish(resume), Err(Failure::NeedsStop));
-    assert_rests(&mut rig);
+    rig.assert_rests();
     let hold = rig.send(Command::Hold);
     assert_eq!(rig.finish(hold), Ok(Completion::Done));
     let back = rig.abs(0, SetPoint::new());
