@@ -262,6 +262,10 @@ impl Sequencer {
 
     /// Bit 8 falls, and the axis goes on.
     pub fn resumed(&mut self, rules: &Rules<'_>) {
+        if let Handshake::High(Raised { sent, .. }) = &mut self.handshake {
+            // It may have been under way, without its acknowledge.
+            (sent.turns, sent.shown_by_way) = (true, false);
+        }
         self.observer.resumed(rules);
     }
 

@@ -98,6 +98,8 @@ pub struct Latch {
     pub limit: Option<f64>,
     /// From where it begins to where it leads.
     pub way: f64,
+    /// How far the shaft is behind the demand there.
+    pub lag: f64,
     /// Whether the core can know where it leads, to a window.
     pub known: bool,
     /// It waits for another one to end.
@@ -871,6 +873,7 @@ impl Drive {
             goal,
             limit,
             way: (goal - from).abs(),
+            lag: (self.demand - self.position).abs(),
             known,
             behind: behind.is_some(),
             in_motion: moves,

@@ -293,10 +293,10 @@ impl Scenario {
         (!is_right).then_some("Reached: that set-point has ended there")
     }
 
-    /// Whether its way leads past its end on a modulo axis, before it comes there for good.
+    /// Whether the way of the shaft leads past its end on a modulo axis, before it comes there for good.
     fn goes_round(&self, latch: &Latch) -> bool {
         let turn = self.drive.making.turn;
-        turn.is_some_and(|(_, length)| latch.way >= length as f64)
+        turn.is_some_and(|(_, length)| latch.way + latch.lag >= length as f64)
     }
 
     /// Whether the end of the one that it was taken behind was seen. A drive that limits that one may lead this one on from there.
