@@ -1,8 +1,7 @@
-//! The masters that are Rust: from nothing to every drive in OP, and this library's first enabled axis.
+//! The masters that are Rust.
 
 use std::{
-    process::exit,
-    sync::atomic::{AtomicUsize, Ordering::Relaxed},
+    sync::{Arc, Mutex},
     time::{Duration, Instant},
 };
 
@@ -15,31 +14,25 @@ use servocrab::{
 
 use crate::stock_set_up::{in_op, main_device};
 
-/// This library until all drives are in OP: mapping of both axes compared, defaults that the outputs overwrite read, watchdog armed and
-/// verified. What only motion needs is read after that: the process ends with the time, so that hardly any of it is counted.
-pub(crate) fn servocrab_to_op(interface: &str, drives: usize) -> ! {
+/// This library until all drives are in OP, until its start has returned, and until its first axis is enabled. Before OP all that motion
+/// needs is read of all drives.
+pub(crate) fn servocrab(interface: &str, drives: usize) -> Vec<Duration> {
     let begun = Instant::now();
-    let left = AtomicUsize::new(drives);
+    let op = Arc::new(Mutex::new(Duration::ZERO));
+    let seen = Arc::clone(&op);
     let builder = builder(interface, drives).on_progress(move |progress| {
-        let in_op = progress.step == BringUpStep::State(AlState::Op);
-        if in_op && left.fetch_sub(1, Relaxed) == 1 {
-            println!("{}", begun.elapsed().as_secs_f64() * 1e3);
-            exit(0);
+        if progress.step == BringUpStep::State(AlState::Op) {
+            *seen.lock().expect("no listener panics") = begun.elapsed();
         }
     });
-    smol::block_on(builder.start()).expect("the line comes up");
-    panic!("not all drives were reported in OP")
-}
-
-/// This library until its first axis is enabled: before that all that motion needs was read of all drives.
-pub(crate) fn servocrab_to_enable(interface: &str, drives: usize) -> Duration {
-    let begun = Instant::now();
-    let network = smol::block_on(builder(interface, drives).start()).expect("the line comes up");
+    let network = smol::block_on(builder.start()).expect("the line comes up");
+    let started = begun.elapsed();
     let axis = network.axis("x0").expect("it was declared");
     smol::block_on(axis.enable()).expect("the axis is enabled");
-    let took = begun.elapsed();
+    let enabled = begun.elapsed();
     smol::block_on(network.shutdown()).unwrap();
-    took
+    let op = *op.lock().expect("no listener panics");
+    vec![op, started, enabled]
 }
 
 fn builder(interface: &str, drives: usize) -> NetworkBuilder {
@@ -61,12 +54,12 @@ static STORAGE: PduStorage<FRAMES, DATA> = PduStorage::new();
 
 /// ethercrab as its examples use it, with its own transmit and receive task on a thread of its own, and with the mapping
 /// that the drives have at power-up.
-pub(crate) fn ethercrab(interface: &str, drives: usize) -> Duration {
+pub(crate) fn ethercrab(interface: &str, drives: usize) -> Vec<Duration> {
     let begun = Instant::now();
     let (tx, rx, pdu_loop) = STORAGE.try_split().expect("split once");
     let main_device = main_device(pdu_loop);
     let task = tx_rx_task(interface, tx, rx).expect("the interface is there");
     std::thread::spawn(move || smol::block_on(task));
     smol::block_on(in_op::<64>(&main_device, drives));
-    begun.elapsed()
+    vec![begun.elapsed()]
 }

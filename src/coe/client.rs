@@ -476,6 +476,8 @@ pub struct MailboxSettings {
     /// Whether the device may be asked by SDO information: what its SII's CoE details say. If not, such questions fail as
     /// not supported, unasked.
     pub sdo_information: bool,
+    /// Whether the device's SII says that it has complete access.
+    pub complete_access: bool,
     /// How many accesses in a row may fail before a transfer is given up.
     pub attempts: u32,
     /// Requests that may wait.
@@ -491,6 +493,7 @@ impl MailboxSettings {
         let general = sii.general.as_ref();
         Self {
             sdo_information: general.is_none_or(|general| general.coe.sdo_information()),
+            complete_access: general.is_some_and(|general| general.coe.complete_access()),
             ..Self::new(mailbox)
         }
     }
@@ -507,6 +510,7 @@ impl MailboxSettings {
             poll_interval: Duration::from_micros(250),
             idle_interval: Duration::from_millis(10),
             sdo_information: true,
+            complete_access: false,
             attempts: 5,
             request_capacity: 16,
             emergency_capacity: 64,

@@ -20,7 +20,7 @@ use super::information::{
 };
 use super::object::{Object, ObjectAddress};
 use super::sdo::{Download, SdoFault, Upload};
-use super::value::{Readable, Value, Writable};
+use super::value::{Number, ReadOnly, Readable, Value, Writable};
 use crate::wakes::Waiters;
 
 /// Reads and writes objects of one drive; clones share its mailbox, in which transfers run one after another.
@@ -155,6 +155,49 @@ impl SdoHandle {
         let object = ObjectAddress::new(index, subindex);
         self.upload_bytes(Upload::new(object).complete_access())
             .await
+    }
+
+    /// The elements of an object whose subindex 0 is their number.
+    pub(crate) async fn read_list<T: Number>(&self, index: u16) -> Result<Vec<T>, DriveError> {
+        if let Some(list) = self.read_whole_list(index).await? {
+            return Ok(list);
+        }
+        let count: Object<u8, ReadOnly> = Object::new(index, 0, "number of entries");
+        let mut list = Vec::new();
+        for subindex in 1..=self.read(count).await? {
+            let element: Object<T, ReadOnly> = Object::new(index, subindex, "entry");
+            list.push(self.read(element).await?);
+        }
+        Ok(list)
+    }
+
+    /// The same in one message. `None` of a drive whose SII says nothing of complete access, that refuses it here, or that answers with
+    /// something else than such a list.
+    pub(crate) async fn read_whole_list<T: Number>(
+        &self,
+        index: u16,
+    ) -> Result<Option<Vec<T>>, DriveError> {
+        let is_there = match &self.server {
+            Server::Mailbox(calls) => calls.settings().complete_access,
+            Server::Remote(_) => false,
+        };
+        if !is_there {
+            return Ok(None);
+        }
+        let data = match self.read_complete(index, 0).await {
+            Ok(data) => data,
+            Err(DriveError {
+                error: SdoError::Aborted { .. } | SdoError::Mailbox { .. },
+                ..
+            }) => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        let [count, 0, elements @ ..] = &data[..] else {
+            return Ok(None);
+        };
+        let elements = elements.chunks(usize::from(T::BITS / 8));
+        let list: Option<Vec<T>> = elements.map(T::decode).collect();
+        Ok(list.filter(|list| list.len() == usize::from(*count)))
     }
 
     /// Writes `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access. From

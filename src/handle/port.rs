@@ -9,8 +9,8 @@ use std::sync::Arc;
 use crate::{
     Failure, StopRequest,
     axis::{
-        AxisCore, Command, CommandId, CoreConfig, Delivery, DriveSettings, Event, Reattach,
-        Snapshot, SnapshotChange, Unsupported, WorkingCounter,
+        AxisCore, Command, CommandId, Delivery, DriveSettings, Event, Reattach, Snapshot,
+        SnapshotChange, Unsupported, WorkingCounter,
     },
     ds402::{Controlword, Mode},
     wakes::stored,
@@ -155,12 +155,6 @@ impl AxisPort {
         left_op: Option<u16>,
     ) {
         self.doubt = Some((counter, left_op));
-    }
-
-    /// What was read of the axis' drive, before there is a handle of it.
-    pub(crate) fn know(&mut self, core: &mut AxisCore, config: CoreConfig) {
-        self.shared.notes.set_settings(DriveSettings::of(&config));
-        core.know(config);
     }
 
     /// Begins again with its core, which it restarts: whatever handles have asked for or set before does not come into effect

@@ -9,7 +9,7 @@ use super::mapping::{Entry, MappedPdo};
 use super::mapping::{MappingWrite, Plan, Purpose};
 use super::offer::FixedPdo;
 use super::verify::{self, MappingDifferences};
-use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoHandle};
+use crate::coe::{AbortCode, DriveError, Number, SdoError, SdoHandle};
 
 /// Brings `mapping` into a drive in PREOP, and gives the places of its objects.
 ///
@@ -79,12 +79,12 @@ async fn differing(
     sdo: &SdoHandle,
 ) -> Result<Option<Change>, ConfigureError> {
     let wanted = mapping.pdos(direction);
-    let mut assigned = wanted.iter().map(|pdo| u32::from(pdo.index));
-    let is_assigned = holds::<u16>(direction.assignment(), &mut assigned, sdo).await?;
+    let assigned = wanted.iter().map(|pdo| u32::from(pdo.index));
+    let is_assigned = holds::<u16>(direction.assignment(), assigned, sdo).await?;
     let mut different = Vec::new();
     for pdo in wanted {
-        let mut entries = pdo.entries.iter().map(|entry| entry.raw());
-        if !holds::<u32>(pdo.index, &mut entries, sdo).await? {
+        let entries = pdo.entries.iter().map(|entry| entry.raw());
+        if !holds::<u32>(pdo.index, entries, sdo).await? {
             different.push(pdo.index);
         }
     }
@@ -96,34 +96,14 @@ async fn differing(
     Ok(Some(Change { plan, is_assigned }))
 }
 
-/// Whether an object holds these elements and no others, read up to the first that differs.
+/// Whether an object holds these elements and no others. What the drive refuses to be read, or has in another width, does not.
 async fn holds<T: Number>(
     index: u16,
-    wanted: &mut (dyn ExactSizeIterator<Item = u32> + Send),
+    wanted: impl Iterator<Item = u32>,
     sdo: &SdoHandle,
 ) -> Result<bool, ConfigureError> {
-    let count: Object<u8, ReadOnly> = Object::new(index, 0, "number of entries");
-    let expected = wanted.len();
-    let same = |count| usize::from(count) == expected;
-    if !is(sdo.read(count).await, same)? {
-        return Ok(false);
-    }
-    for (subindex, value) in (1..=u8::MAX).zip(wanted) {
-        let element: Object<T, ReadOnly> = Object::new(index, subindex, "entry");
-        if !is(sdo.read(element).await, |got| got.to_raw() == value)? {
-            return Ok(false);
-        }
-    }
-    Ok(true)
-}
-
-/// Whether what was read is what was expected; what the drive refuses to be read, or has in another width, is not.
-fn is<T>(
-    read: Result<T, DriveError>,
-    expected: impl FnOnce(T) -> bool,
-) -> Result<bool, ConfigureError> {
-    match read {
-        Ok(value) => Ok(expected(value)),
+    match sdo.read_list::<T>(index).await {
+        Ok(list) => Ok(list.into_iter().map(T::to_raw).eq(wanted)),
         Err(DriveError {
             error: SdoError::Aborted { .. } | SdoError::WrongSize { .. },
             ..
@@ -210,17 +190,9 @@ pub async fn read_offered(
     Ok(offered)
 }
 
-/// The elements of an object whose subindex 0 is their number.
 async fn read_list<T: Number>(index: u16, sdo: &SdoHandle) -> Result<Vec<T>, ConfigureError> {
-    let unreadable = |error| ConfigureError::Unreadable(Box::new(error));
-    let count: Object<u8, ReadOnly> = Object::new(index, 0, "number of entries");
-    let count = sdo.read(count).await.map_err(unreadable)?;
-    let mut list = Vec::new();
-    for subindex in 1..=count {
-        let element: Object<T, ReadOnly> = Object::new(index, subindex, "entry");
-        list.push(sdo.read(element).await.map_err(unreadable)?);
-    }
-    Ok(list)
+    let list = sdo.read_list(index).await;
+    list.map_err(|error| ConfigureError::Unreadable(Box::new(error)))
 }
 
 /// A mapping that did not get into the drive.

@@ -363,8 +363,8 @@ fn a_bring_up_tells_each_step_of_each_drive_once_and_in_order() {
         steps(0)[4..],
         [
             "bringing it into SAFEOP",
-            "bringing it into OP",
-            "reading its parameters"
+            "reading its parameters",
+            "bringing it into OP"
         ]
     );
 }

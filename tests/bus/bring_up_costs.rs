@@ -20,12 +20,10 @@ use crate::rig::{Line, Rig, akd2g, datagrams};
 const SII: Duration = Duration::from_millis(1);
 const MAILBOX: Duration = Duration::from_millis(2);
 
-/// Virtual time to OP and to the end of the start; accesses to the SII and messages of the first drive, of these what it took before OP.
+/// Virtual time to the end of the start; accesses to the SII and messages of the first drive.
 struct Cost {
-    to_op: Duration,
-    in_all: Duration,
+    takes: Duration,
     sii: u32,
-    mails_to_op: u32,
     messages: u32,
 }
 
@@ -40,19 +38,7 @@ fn bring_up(count: u16) -> Cost {
     }
     let line = Line::new(segment);
     let number = |count: u64| u32::try_from(count).unwrap();
-    let in_op = Arc::new(Mutex::new(None));
-    let (noted, shared) = (Arc::clone(&in_op), line.0.clone());
-    let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame: &mut [u8], now| {
-        let mut segment = shared.lock().unwrap();
-        let comes_back = segment.process(frame, now);
-        let mut devices = segment.devices().iter();
-        if devices.all(|device| device.al_state() == AlState::Op) {
-            let messages = segment.devices()[0].messages_taken();
-            noted.lock().unwrap().get_or_insert((now, messages));
-        }
-        comes_back
-    });
-    let mut builder = Network::builder().link(wire);
+    let mut builder = Network::builder().link(line.wire());
     for position in 0..count {
         let names = [format!("x{position}"), format!("y{position}")];
         let drive = DriveConfig::new(drives::akd2g())
@@ -61,55 +47,46 @@ fn bring_up(count: u16) -> Cost {
         builder = builder.drive(position, drive);
     }
     let rig = Rig::start(builder).unwrap();
-    let (to_op, mails_to_op) = in_op.lock().unwrap().unwrap();
     let segment = line.segment();
     let device = segment.device(0).unwrap();
     Cost {
-        to_op,
-        in_all: rig.bus.now(),
+        takes: rig.bus.now(),
         sii: number(device.sii_accesses()),
-        mails_to_op: number(mails_to_op),
         messages: number(device.messages_taken()),
     }
 }
-
-/// What a mail of this drive takes on the cable, there and back: its mailbox and what is around that, 80 ns a byte.
-const ON_CABLE: Duration = Duration::from_nanos(2 * (14 + 2 + 12 + 1024 + 24) * 80);
 
 #[test]
 fn a_line_of_slow_drives_takes_hardly_longer_than_one_drives_own_accesses() {
     let alone = bring_up(1);
     for count in [1, 8, 32] {
         let cost = bring_up(count);
-        let Cost { to_op, in_all, .. } = cost;
-        println!("{count} drives: {to_op:?} to OP, {in_all:?} in all");
-        assert_eq!(
-            (cost.sii, cost.mails_to_op, cost.messages),
-            (alone.sii, alone.mails_to_op, alone.messages)
-        );
+        println!("{count} drives: {:?}", cost.takes);
+        assert_eq!((cost.sii, cost.messages), (alone.sii, alone.messages));
         // The devices are counted for 20 ms, the first cycles take some more.
-        let own = SII * cost.sii + MAILBOX * cost.mails_to_op;
+        let own = SII * cost.sii + MAILBOX * cost.messages;
         assert!(
-            to_op <= own.mul_f64(1.15) + Duration::from_millis(25),
-            "{count} drives: {to_op:?} to OP, one's own accesses {own:?}"
-        );
-        // From then on all drives' messages share what the cycles leave of the cable.
-        let behind = cost.messages - cost.mails_to_op;
-        let rest = (MAILBOX * behind).max(ON_CABLE * behind * u32::from(count));
-        let rest_takes = in_all - to_op;
-        assert!(
-            rest_takes <= rest.mul_f64(1.5),
-            "{count} drives: {rest_takes:?} in OP, {rest:?} of messages"
+            cost.takes <= own.mul_f64(1.15) + Duration::from_millis(30),
+            "{count} drives: {:?}, one's own accesses {own:?}",
+            cost.takes
         );
     }
     // Both assignments and four PDOs, each with its number of entries: what is right already is not written. Of each axis the three
-    // parameters of the profile that the outputs overwrite. In OP of each axis the window, option codes 605Ah to 605Eh, velocity
-    // windows 606Dh to 6070h, supported modes, the end velocity (since the last handle's drop stops an axis that goes on at it), six
-    // limits, whether it is homed, and 6007h read, written and read back.
+    // parameters of the profile that the outputs overwrite, the window, option codes 605Ah to 605Eh, velocity windows 606Dh to 6070h,
+    // supported modes, the end velocity (since the last handle's drop stops an axis that goes on at it), six limits, whether it is homed,
+    // and 6007h read, written and read back.
     let mapping = 2 * (1 + 2) + 2 * (1 + 6) + 2 * (1 + 4);
-    assert_eq!(alone.mails_to_op, mapping + 2 * 3);
-    let of_motion = 1 + 5 + 4 + 1 + 1 + 6 + 1 + 3;
-    assert_eq!(alone.messages - alone.mails_to_op, 2 * of_motion);
+    let of_axis = 3 + 1 + 5 + 4 + 1 + 1 + 6 + 1 + 3;
+    assert_eq!(alone.messages, mapping + 2 * of_axis);
+}
+
+#[test]
+fn of_a_drive_with_complete_access_a_list_is_one_message() {
+    let line = Line::new(Segment::new().with(personality::generic()));
+    let drive = DriveConfig::new(drives::generic()).axis("z");
+    Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
+    // Both assignments, both PDOs, 607Bh and 607Dh; 21 other objects.
+    assert_eq!(line.segment().device(0).unwrap().messages_taken(), 6 + 21);
 }
 
 #[test]
@@ -172,7 +149,7 @@ const OF_MOTION: [u16; 13] = [
 const OVERWRITTEN: [u16; 3] = [0x6081, 0x6083, 0x6084];
 
 #[test]
-fn what_only_motion_needs_is_read_in_op_and_nothing_is_read_twice() {
+fn what_motion_needs_is_read_before_cycles_begin_and_nothing_is_read_twice() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     let (wire, asked) = asking_wire(&line);
     let rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
@@ -182,8 +159,12 @@ fn what_only_motion_needs_is_read_in_op_and_nothing_is_read_twice() {
         let overwritten = [0, 0x0800]
             .iter()
             .any(|of_axis| OVERWRITTEN.contains(&(request.index.wrapping_sub(*of_axis))));
-        let in_op = request.state == AlState::Op;
-        assert_eq!(in_op, !(mapping || overwritten), "{request:04X?}");
+        let expected = if mapping || overwritten {
+            AlState::PreOp
+        } else {
+            AlState::SafeOp
+        };
+        assert_eq!(request.state, expected, "{request:04X?}");
     }
     for index in OF_MOTION {
         assert!(

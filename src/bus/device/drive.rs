@@ -15,8 +15,8 @@ use crate::{
         requests::Context,
     },
     coe::{
-        AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, ReadWrite, Readable,
-        SdoError, SdoHandle, obj,
+        AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, Readable, SdoError,
+        SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
     pdo_map::{Direction, Layout, Mapping},
@@ -63,19 +63,6 @@ struct HeldLimits {
 }
 
 impl HeldLimits {
-    /// The objects of positions, each with its place.
-    const fn positions(&mut self) -> [(Object<i32, ReadWrite>, &mut Option<i32>); 5] {
-        let [min, max] = &mut self.software;
-        let [lowest, highest] = &mut self.position_range;
-        [
-            (obj::SOFTWARE_LIMIT_MIN, min),
-            (obj::SOFTWARE_LIMIT_MAX, max),
-            (obj::POSITION_RANGE_MIN, lowest),
-            (obj::POSITION_RANGE_MAX, highest),
-            (obj::HOME_OFFSET, &mut self.home_offset),
-        ]
-    }
-
     fn limits(&self) -> Limits {
         let range = |[min, max]: [Option<i32>; 2]| {
             min.zip(max).map(|(min, max)| PositionRange { min, max })
@@ -95,7 +82,7 @@ impl HeldLimits {
 enum Reading {
     /// Before OP: what is mapped into the outputs.
     Overwritten,
-    /// Once the drive is in OP, or just before: all else. No handle of its axes exists yet, or none can enable them.
+    /// In SAFEOP: all else. No handle of its axes exists yet, or none can enable them.
     Rest,
 }
 
@@ -435,11 +422,34 @@ impl Due<'_> {
             let object = obj::MIN_PROFILE_VELOCITY;
             self.read_into(&mut held.min_velocity, object).await?;
         }
-        for (object, place) in held.positions() {
-            self.read_into(place, object).await?;
-        }
+        let software = [obj::SOFTWARE_LIMIT_MIN, obj::SOFTWARE_LIMIT_MAX];
+        self.read_range(&mut held.software, software).await?;
+        let range = [obj::POSITION_RANGE_MIN, obj::POSITION_RANGE_MAX];
+        self.read_range(&mut held.position_range, range).await?;
+        self.read_into(&mut held.home_offset, obj::HOME_OFFSET)
+            .await?;
         let object = obj::MAX_PROFILE_VELOCITY;
         self.read_into(&mut held.max_velocity, object).await
+    }
+
+    /// Least and greatest of one object.
+    async fn read_range<A: Readable>(
+        &self,
+        place: &mut [Option<i32>; 2],
+        range: [Object<i32, A>; 2],
+    ) -> Result<(), StepError> {
+        if range.iter().all(|object| self.is_due(object)) {
+            let index = self.offset.apply(range[0].address().index);
+            let list = self.sdo.read_whole_list(index).await;
+            if let Some([min, max]) = list.at(BringUpStep::Parameters)?.as_deref() {
+                *place = [Some(*min), Some(*max)];
+                return Ok(());
+            }
+        }
+        for (object, place) in range.into_iter().zip(place) {
+            self.read_into(place, object).await?;
+        }
+        Ok(())
     }
 
     /// An object without which the axis attaches all the same, whatever the drive says of it; `None` where it is not due.

@@ -331,8 +331,13 @@ impl Device {
         drive.open_axes(&sdo).await
     }
 
-    /// Reads what only motion needs of a drive. Before that no axis of it can be enabled.
+    /// In SAFEOP: what its start-up lists write there, and then what motion needs of a drive. At the start no cycle is in the way of it; on
+    /// its way back a program that has handles of its axes could enable them in OP.
     pub async fn read_axes(&mut self, context: &Context) -> Result<(), StepError> {
+        if let Some(mailbox) = &self.mailbox {
+            let transition = Transition::SafeOpToOp;
+            write_lists(&self.start_up, &mailbox.sdo, transition).await?;
+        }
         if let (DeviceKind::Drive(drive), Some(mailbox)) = (&mut self.kind, &self.mailbox) {
             drive.read_axes(context, &mailbox.sdo).await?;
             self.done(BringUpStep::Parameters);
@@ -340,14 +345,12 @@ impl Device {
         Ok(())
     }
 
-    /// In SAFEOP, on its way back: what its start-up lists write there, and then what its axes hold. Their handles are there already: in
-    /// OP a program could enable them. What they did without a set-point's parameters is that of an earlier start.
+    /// On its way back. What its axes did without a set-point's parameters is that of an earlier start.
     pub async fn read_as_it_is_now(
         &mut self,
         context: &Context,
         before: &Self,
     ) -> Result<(), StepError> {
-        self.write_in_safe_op().await?;
         self.read_axes(context).await?;
         match (&mut self.kind, &self.mailbox, before.as_drive()) {
             (DeviceKind::Drive(drive), Some(mailbox), Some(before)) => {
@@ -446,41 +449,14 @@ impl Device {
         Ok(())
     }
 
-    /// From SAFEOP to OP, with what its start-up lists write there.
+    /// From SAFEOP to OP.
     pub async fn enter_op(&self, context: &Context) -> Result<(), StepError> {
-        self.write_in_safe_op().await?;
-        self.climb_to_op(context).await
-    }
-
-    /// In SAFEOP: what its start-up lists write there.
-    async fn write_in_safe_op(&self) -> Result<(), StepError> {
-        match &self.mailbox {
-            Some(mailbox) => {
-                write_lists(&self.start_up, &mailbox.sdo, Transition::SafeOpToOp).await
-            }
-            None => Ok(()),
-        }
-    }
-
-    /// From SAFEOP to OP, once its start-up lists are written.
-    pub async fn climb_to_op(&self, context: &Context) -> Result<(), StepError> {
         let (registers, station) = (&context.registers, self.found.station);
         registers::climb(registers, station, AlState::SafeOp, AlState::Op, OP_LIMIT)
             .await
             .at(BringUpStep::State(AlState::Op))
     }
 
-    /// That it is in OP, without an error.
-    pub async fn is_in_op(&self, context: &Context) -> Result<(), StepError> {
-        let step = BringUpStep::State(AlState::Op);
-        let status = registers::status(&context.registers, self.found.station).await;
-        match status.at(step)? {
-            status if status.state == AlState::Op && status.error.is_none() => Ok(()),
-            status => Err(AlError::Refused(status)).at(step),
-        }
-    }
-
-    /// Sets its process-data watchdog, or switches it off, and checks what the device holds then.
     async fn arm(&self, context: &Context, outputs: &Area) -> Result<(), DriveFault> {
         let ticks = match self.watchdog {
             None => 0,

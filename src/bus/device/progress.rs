@@ -45,8 +45,8 @@ const STEPS: [BringUpStep; 7] = [
     BringUpStep::Mapping,
     BringUpStep::Watchdog,
     BringUpStep::State(AlState::SafeOp),
-    BringUpStep::State(AlState::Op),
     BringUpStep::Parameters,
+    BringUpStep::State(AlState::Op),
 ];
 
 /// A step that is done, on its way to whoever waits for the last one.

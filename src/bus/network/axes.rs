@@ -219,15 +219,6 @@ impl Axes {
         }
     }
 
-    /// What only motion needs has been read of all drives. Nobody has a handle of their axes before.
-    pub fn know(&mut self, devices: &[Device]) {
-        let drives = devices.iter().filter_map(Device::as_drive);
-        let known = drives.flat_map(|drive| &drive.axes);
-        for (axis, known) in self.axes.iter_mut().zip(known) {
-            axis.port.know(&mut axis.core, known.config.clone());
-        }
-    }
-
     /// Whether the drive at this place takes the outputs of its axes, and none of them is enabled that the program has not enabled
     /// since: it may do so as soon as the axis is not lost any more.
     pub fn are_back(&self, place: usize) -> bool {

@@ -114,7 +114,8 @@ pub(in crate::bus) async fn configure(
         let span = tracing::info_span!(target: crate::log_target::DRIVE, "bring-up", position = id.position, name = id.name);
         let steps = async {
             drive.configure(&context).await?;
-            drive.enter_safe_op(&context).await
+            drive.enter_safe_op(&context).await?;
+            drive.read_axes(&context).await
         };
         let result = steps.instrument(span).await;
         result.of(&drive.found.id).map(|()| drive)
@@ -142,7 +143,11 @@ pub(in crate::bus) async fn configure(
         io.logical = logical;
     }
     let ios = begin(context, ios, |context, mut io| async move {
-        let result = io.enter_safe_op(&context).await;
+        let steps = async {
+            io.enter_safe_op(&context).await?;
+            io.read_axes(&context).await
+        };
+        let result = steps.await;
         result.of(&io.found.id).map(|()| io)
     })?;
     let ios = all(ios).await?;
@@ -309,24 +314,6 @@ pub(in crate::bus) async fn operate(
         context.log.record(context.time.now(), note);
         progress.step(&found.id, BringUpStep::State(AlState::Op));
     }
-    Ok(())
-}
-
-/// Reads what only motion needs of all drives, at the same time. They are in OP, with all axes disabled.
-pub(in crate::bus) async fn read_axes(
-    context: &Context,
-    ready: &mut Ready,
-) -> Result<(), NetworkError> {
-    let devices = core::mem::take(&mut ready.devices);
-    let tasks = begin(context, devices, |context, mut device| async move {
-        let mut result = device.read_axes(&context).await;
-        // One that has left OP meanwhile has a better reason than that its mailbox is silent.
-        if result.is_err() {
-            result = device.is_in_op(&context).await.and(result);
-        }
-        result.of(&device.found.id).map(|()| device)
-    })?;
-    ready.devices = all(tasks).await?;
     Ok(())
 }
 

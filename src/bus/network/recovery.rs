@@ -296,7 +296,7 @@ impl Recovery {
             None => Reattach::Unknown,
         });
         self.two_cycles().await;
-        device.climb_to_op(&self.context).await.of(id)?;
+        device.enter_op(&self.context).await.of(id)?;
         let status = AlStatus {
             state: AlState::Op,
             error: None,

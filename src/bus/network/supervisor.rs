@@ -142,7 +142,7 @@ async fn start(
     let period = plan.cycle;
     let progress = Progress::new(context, steps, plan.drives.len(), plan.ios.len());
     let progress = Rc::new(progress);
-    let mut ready = bring_up::configure(context, plan, &progress).await?;
+    let ready = bring_up::configure(context, plan, &progress).await?;
     let (axes, sources) = Axes::open(
         &ready.devices,
         Arc::clone(control),
@@ -158,8 +158,6 @@ async fn start(
     bring_up::start_cycles(context, &ready, stepper, period).await?;
     bring_up::operate(context, &ready, period, &progress).await?;
     axes.borrow_mut().in_op();
-    bring_up::read_axes(context, &mut ready).await?;
-    axes.borrow_mut().know(&ready.devices);
     // Handles show what the last cycle was: whoever looks at once is to see devices in OP.
     let before = control.tick.ended();
     while control.tick.ended() == before {

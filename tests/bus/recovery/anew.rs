@@ -342,7 +342,8 @@ fn a_reference_that_has_begun_anew_is_not_made_the_clock_of_a_line_that_runs() {
     let recovered = rig.until(net.recover(0));
     rig.net = Some(net);
     let outcome = rig.until(motion.done()).unwrap();
-    assert_eq!(outcome, Outcome::Reached { position: 20_000 });
+    // It settles to that within its window.
+    assert!(matches!(outcome, Outcome::Reached { position } if position.abs_diff(20_000) <= 7));
     let clock = rig.net().statistics().clock.unwrap();
     assert_eq!(clock.reference, ReferenceClock::Silent);
     let error = recovered.unwrap_err().to_string();
