@@ -10,7 +10,7 @@ use servocrab::{
 
 use crate::{
     line::{Found, LineArguments, OpenLine, found},
-    output::{Done, Failure, Tool, table},
+    output::{Done, Failure, Tool, bar, table, told},
 };
 
 /// Where a program shows the network of the interface, its drives are shown as it has declared them. Else the line is reset; nothing is
@@ -30,7 +30,9 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
 }
 
 async fn show(tool: &Tool, line: &OpenLine) -> Result<bool, Failure> {
-    let found = seen(line.devices()).await;
+    let progress = bar("reading");
+    let found = seen(line.devices(), told(&progress)).await;
+    progress.finish_and_clear();
     let heading = [
         "#", "name", "vendor", "product", "revision", "serial", "alias", "found in", "clock",
         "RxPDOs", "TxPDOs", "axes",
@@ -46,15 +48,27 @@ async fn show(tool: &Tool, line: &OpenLine) -> Result<bool, Failure> {
 
 /// What `scan --json` says of the line.
 pub(crate) async fn json(line: &Line) -> Value {
-    seen(found(line)).await.iter().map(Seen::json).collect()
+    let seen = seen(found(line), |_, _| {}).await;
+    seen.iter().map(Seen::json).collect()
 }
 
-async fn seen(line: Vec<Found<'_>>) -> Vec<Seen<'_>> {
-    let mut seen = Vec::new();
-    for found in line {
-        seen.push(Seen::of(found).await);
-    }
-    seen
+/// All at once: each device has its own mailbox. `told` hears how many of how many are read.
+async fn seen<'a>(line: Vec<Found<'a>>, mut told: impl FnMut(usize, usize)) -> Vec<Seen<'a>> {
+    let executor = smol::LocalExecutor::new();
+    let count = line.len();
+    let tasks: Vec<_> = line
+        .into_iter()
+        .map(|found| executor.spawn(Seen::of(found)))
+        .collect();
+    let all = async {
+        let mut seen = Vec::new();
+        for task in tasks {
+            seen.push(task.await);
+            told(seen.len(), count);
+        }
+        seen
+    };
+    executor.run(all).await
 }
 
 /// A SubDevice with what its objects say.
