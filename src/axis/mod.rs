@@ -42,7 +42,8 @@ pub(crate) use snapshot::SnapshotChange;
 #[cfg(feature = "std")]
 pub use crate::handle::{
     ArmedProbe, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
-    AxisStatistics, BoxFuture, ContinuousProbe, Edge, GroupQueue, Groups, InputField, Liveness,
-    LivenessWatch, MotionEnd, NoParameters, OutputField, ParameterAccess, Probe, ProbeError,
-    ProbeRequest, Probed, ProbedEdge, Sampled, Stale, StartTogether, StopHandle,
+    AxisStatistics, BoxFuture, ContinuousProbe, Edge, GroupQueue, Groups, InputField,
+    LimitedTorque, Liveness, LivenessWatch, MotionEnd, NoParameters, OutputField, ParameterAccess,
+    Probe, ProbeError, ProbeRequest, Probed, ProbedEdge, Sampled, Stale, StartTogether, StopHandle,
+    TorqueLimit,
 };

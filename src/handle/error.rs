@@ -4,7 +4,7 @@ use core::{any::TypeId, fmt, time::Duration};
 use std::sync::Arc;
 
 use crate::{
-    Failure,
+    Failure, HomingMethod,
     axis::{Command, Delivery},
     coe::{DriveId, ErrorTexts, ObjectAddress, SdoError, obj},
     ds402::{Controlword, Statusword},
@@ -353,6 +353,14 @@ pub enum AxisErrorKind {
     /// An object could not be read or written by SDO.
     #[error("{0}")]
     Sdo(Arc<SdoError>),
+    /// The drive does not list this homing method in 60E3h. Choose one of those that it lists.
+    #[error("the drive does not have homing method {}: by 60E3h it has {}", .method.0, Methods(.methods))]
+    HomingMethod {
+        /// The one that was asked for.
+        method: HomingMethod,
+        /// Those that it lists.
+        methods: Vec<HomingMethod>,
+    },
     /// A touch probe cannot be used as it was asked for, or its drive does not do what it was told.
     #[error("{0}")]
     Probe(ProbeError),
@@ -407,6 +415,19 @@ impl AxisErrorKind {
             Self::NotAllStarted { cause, .. } => cause.failure(),
             _ => None,
         }
+    }
+}
+
+/// Their numbers.
+struct Methods<'a>(&'a [HomingMethod]);
+
+impl fmt::Display for Methods<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, method) in self.0.iter().enumerate() {
+            let comma = if place == 0 { "" } else { ", " };
+            write!(f, "{comma}{}", method.0)?;
+        }
+        Ok(())
     }
 }
 

@@ -8,11 +8,12 @@ use core::{
     task::{Context, Poll},
     time::Duration,
 };
+use std::sync::Arc;
 
 use crate::{
-    Failure, HomingParameters,
+    Failure, HomingMethod, HomingParameters,
     axis::{Command, Completion, Delivery, ParameterFault, WaitingFor},
-    coe::{Number, Object, Writable, obj},
+    coe::{ObjectAddress, SdoError, obj},
     ds402::Mode,
     homing::HomingCommand,
     units::{AxisUnit, Counts},
@@ -103,6 +104,7 @@ impl<U: AxisUnit> Homing<U> {
     ///
     /// # Errors
     /// Of the future:
+    /// - [`AxisErrorKind::HomingMethod`] for a method that the drive does not list in 60E3h, where it has that: nothing was written then;
     /// - [`AxisErrorKind::Sdo`] with the drive's abort for a method or parameter that it does not have;
     /// - [`Failure::HomingError`] when the drive reports one (bit 13): some drives do so for a method that they do not have;
     /// - [`Failure::Halted`] when somebody halted the axis: a halted homing is over, and the axis is to be stopped;
@@ -191,6 +193,7 @@ impl<U: AxisUnit> Homing<U> {
         // What is refused must not have changed the drive's parameters, least of all those of a homing under way.
         self.axis.run(Command::CheckHome).await?;
         handles.check_not_stopped(asked).await?;
+        self.check_method(parameters.method).await?;
         self.write(&parameters).await?;
         let offset = match parameters.offset {
             // By what it reads at home a homing is told from an earlier one.
@@ -205,6 +208,32 @@ impl<U: AxisUnit> Homing<U> {
         let pending = self.axis.submit_asked(Command::Home(command), asked)?;
         claim.sent(&pending);
         Ok(pending)
+    }
+
+    /// Some drives take any method, and fail at the start of the homing. A drive that lists none has to be tried.
+    async fn check_method(&self, method: HomingMethod) -> Result<(), AxisError> {
+        let handles = &self.axis.handles;
+        let shared = &handles.shared;
+        let list = obj::SUPPORTED_HOMING_METHODS.address();
+        let read = async |subindex| {
+            let entry = handles.of_axis(ObjectAddress::new(list.index, subindex));
+            match shared.setup.parameters.read(entry).await {
+                Ok(bytes) => Ok(bytes.first().copied()),
+                Err(SdoError::Aborted { .. }) => Ok(None),
+                Err(error) => Err(shared.error(AxisErrorKind::Sdo(Arc::new(error)))),
+            }
+        };
+        let mut methods = Vec::new();
+        for subindex in 1..=read(list.subindex).await?.unwrap_or(0) {
+            let Some(listed) = read(subindex).await? else {
+                return Ok(());
+            };
+            methods.push(HomingMethod(listed.cast_signed()));
+        }
+        if methods.is_empty() || methods.contains(&method) {
+            return Ok(());
+        }
+        Err(shared.error(AxisErrorKind::HomingMethod { method, methods }))
     }
 
     /// The time is over, and nothing was asked for.
@@ -270,10 +299,12 @@ impl<U: AxisUnit> Homing<U> {
             });
             return Err(self.axis.handles.shared.error(kind));
         }
-        self.put(obj::HOMING_METHOD, parameters.method.0).await?;
+        self.axis
+            .put(obj::HOMING_METHOD, parameters.method.0)
+            .await?;
         for (value, object, _) in speeds {
             if let Some(value) = value {
-                self.put(object, value).await?;
+                self.axis.put(object, value).await?;
             }
         }
         if let Some(offset) = parameters.offset {
@@ -282,31 +313,10 @@ impl<U: AxisUnit> Homing<U> {
             let start = shared.notes.starts();
             let in_doubt = &shared.notes.home_offset_in_doubt;
             in_doubt.store(true, Ordering::Release);
-            self.put(obj::HOME_OFFSET, offset).await?;
+            self.axis.put(obj::HOME_OFFSET, offset).await?;
             shared.note_home_offset(start, offset);
         }
         Ok(())
-    }
-
-    /// Where the object is mapped, an SDO would be overwritten by the next frame.
-    async fn put<T: Number, A: Writable>(
-        &self,
-        object: Object<T, A>,
-        value: T,
-    ) -> Result<(), AxisError> {
-        let handles = &self.axis.handles;
-        let shared = &handles.shared;
-        match shared.outputs.place_of(handles.of_axis(object.address())) {
-            Some(cell) => {
-                shared.write_output(cell, value.to_raw());
-                Ok(())
-            }
-            None => {
-                handles
-                    .write_parameter(object.address(), value.encode())
-                    .await
-            }
-        }
     }
 }
 

@@ -33,6 +33,7 @@ mod statistics;
 mod status;
 mod stop_handle;
 mod stops;
+mod torque_limit;
 
 // The owner of the cycle logs what an axis does; handles log who asked for it, at DEBUG.
 use crate::log_target::AXIS as LOG;
@@ -56,3 +57,4 @@ pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess}
 pub use start_together::{AxisSet, GroupQueue, Groups, StartTogether, start_together};
 pub use statistics::{AxisStatistics, MotionEnd};
 pub use stop_handle::{Liveness, LivenessWatch, StopHandle};
+pub use torque_limit::{LimitedTorque, TorqueLimit};

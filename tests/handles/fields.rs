@@ -1,7 +1,8 @@
 //! Further objects in the process data, the manufacturer's bits, and waiting for changes.
 
 use servocrab::{
-    axis::{AxisErrorKind, Sampled, Stale},
+    Failure, SetPoint,
+    axis::{AxisErrorKind, Sampled, Stale, TorqueLimit},
     coe::{Object, ReadWrite, obj},
     ds402::{Controlword, State},
 };
@@ -119,4 +120,45 @@ fn a_handle_in_a_log_names_its_axis_and_fits_a_line() {
     for text in texts {
         assert!(text.contains("axis0") && text.len() < 500, "{text}");
     }
+}
+
+/// By SDO, and by the process data where it is mapped: then an SDO would be overwritten.
+#[test]
+fn a_torque_limit_holds_until_it_is_restored_and_that_is_refused_in_motion() {
+    for mapped_too in [Vec::new(), vec![obj::MAX_TORQUE.into()]] {
+        let variant = Variant {
+            mapped_too,
+            ..Variant::default()
+        };
+        let (mut machine, axis) = Machine::enabled_of(&variant);
+        let at_first = machine.drive().get(0x6072, 0).unwrap();
+        let limited = axis.limit_torque(TorqueLimit::Both(300));
+        let limited = machine.finish(limited).unwrap();
+        machine.run(2);
+        assert_eq!(machine.drive().get(0x6072, 0), Some(300));
+        let positions = machine.finish(axis.profile_position()).unwrap();
+        let motion = machine.finish(positions.move_abs(20_000, SetPoint::new()));
+        let motion = motion.unwrap();
+        let error = machine.finish(limited.restore()).unwrap_err();
+        assert_eq!(error.failure(), Some(Failure::Moving));
+        machine.run(2);
+        assert_eq!(machine.drive().get(0x6072, 0), Some(300));
+        machine.finish(motion.done()).unwrap();
+        machine.finish(limited.restore()).unwrap();
+        machine.run(2);
+        assert_eq!(machine.drive().get(0x6072, 0), Some(at_first));
+    }
+    let behaviour = Behaviour {
+        without: &[0x60E0],
+        ..Behaviour::akd2g()
+    };
+    let variant = Variant {
+        behaviour,
+        ..Variant::default()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let limited = machine.finish(axis.limit_torque(TorqueLimit::Positive(300)));
+    let error = limited.unwrap_err();
+    assert!(matches!(error.kind, AxisErrorKind::Sdo(_)), "{error}");
+    assert!(error.to_string().contains("60E0h"), "{error}");
 }

@@ -128,8 +128,32 @@ fn a_parameter_that_is_mapped_goes_with_the_process_data_and_not_by_sdo() {
 }
 
 #[test]
+fn a_method_that_the_drive_does_not_list_is_refused_with_those_that_it_lists() {
+    let mut variant = variant();
+    variant.behaviour.homing_method_refused_at_write = false;
+    variant.behaviour.homing_methods = &[35, -3, 17];
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let homing = machine.finish(axis.homing()).unwrap();
+    let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
+    let before = written(&machine);
+    let error = machine.finish(homing.home(HomingMethod(18))).unwrap_err();
+    assert_eq!(written(&machine), before);
+    let text = error.to_string();
+    assert!(
+        text.contains("homing method 18: by 60E3h it has 35, -3, 17"),
+        "{text}"
+    );
+    machine.run(100);
+    assert!(machine.drive().homings().is_empty());
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    assert!(axis.status().referenced);
+}
+
+#[test]
 fn a_method_that_the_drive_does_not_have_is_refused_with_its_abort_and_nothing_starts() {
-    let (mut machine, axis) = Machine::enabled_of(&variant());
+    let mut variant = variant();
+    variant.behaviour.without = &[0x60E3];
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let homing = machine.finish(axis.homing()).unwrap();
     let error = machine.finish(homing.home(HomingMethod(99))).unwrap_err();
     let AxisErrorKind::Sdo(sdo) = &error.kind else {
@@ -156,6 +180,7 @@ fn a_method_that_the_drive_does_not_have_is_refused_with_its_abort_and_nothing_s
 fn a_method_that_the_drive_finds_out_about_at_the_start_is_a_homing_error() {
     let mut variant = variant();
     variant.behaviour.homing_method_refused_at_write = false;
+    variant.behaviour.without = &[0x60E3];
     let (mut machine, axis) = Machine::enabled_of(&variant);
     let homing = machine.finish(axis.homing()).unwrap();
     for _ in 0..2 {

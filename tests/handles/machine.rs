@@ -184,7 +184,7 @@ impl ParameterAccess for Sdo {
             let value = if zero { 0 } else { value };
             let bytes = match object.index {
                 0x6061 => 1,
-                0x603F | 0x6086 | 0x60B8 | 0x60B9 | 0x60D5..=0x60D8 => 2,
+                0x603F | 0x6072 | 0x6086 | 0x60B8 | 0x60B9 | 0x60D5..=0x60D8 => 2,
                 _ => 4,
             };
             Ok(value.to_le_bytes()[..bytes].to_vec())

@@ -269,7 +269,7 @@ impl Objects {
             .copied()
             .collect();
         // 6502h, bit 5: homing.
-        if behaviour.supported_modes & 1 << 5 != 0 {
+        if behaviour.supported_modes & 1 << 5 != 0 && !behaviour.without.contains(&0x60E3) {
             entries.extend(supported_homing_methods(behaviour.homing_methods));
         }
         entries.sort_by_key(Entry::address);
