@@ -8,7 +8,7 @@ use crate::{
     axis::{AxisIdentity, FieldError},
     bus::{cable::CableLoad, expected::LineMismatch, real_time::RealTimeError},
     coe::{DriveError, DriveId, LinkRefusal, ObjectAddress, SdoError},
-    ds402::State,
+    ds402::{State, SupportedModes},
     link::RawSocketError,
     parameters::StartUpError,
     pdo_map::{ConfigureError, MappingError, MappingWrite, verify::MappingDifferences},
@@ -391,6 +391,29 @@ pub enum DriveFault {
         object: ObjectAddress,
         /// The drive's reason.
         error: SdoError,
+    },
+    /// The drive has no Profile Position (6502h), and the program has not mapped 60FFh to jog only.
+    #[error(
+        "axis {axis} cannot be moved: its drive has {modes} by 6502h, and moves need profile position mode (1)"
+    )]
+    NoProfilePosition {
+        /// The axis' name.
+        axis: String,
+        /// Supported drive modes 6502h.
+        modes: SupportedModes,
+    },
+    /// No PDO that the drive offers holds a target position.
+    #[error(
+        "axis {axis} cannot be moved: moves need {object} target position in an RxPDO, which none holds that this drive offers, and it has \
+         {modes} by 6502h"
+    )]
+    NoTargetPosition {
+        /// The axis' name.
+        axis: String,
+        /// The target position 607Ah of the axis.
+        object: ObjectAddress,
+        /// Supported drive modes 6502h; empty where the drive does not say.
+        modes: SupportedModes,
     },
     /// A modulo axis without a turn: its 607Bh is missing, empty, or the whole range of its type.
     #[error(

@@ -111,6 +111,21 @@ impl SupportedModes {
     }
 }
 
+impl core::fmt::Display for SupportedModes {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let named = (1..=16_i8).filter(|mode| self.bits() & 1 << (mode - 1) != 0);
+        let mut before = "";
+        for mode in named {
+            write!(f, "{before}{}", Mode::from_raw(mode))?;
+            before = ", ";
+        }
+        if before.is_empty() {
+            f.write_str("no mode")?;
+        }
+        Ok(())
+    }
+}
+
 // Option codes that this library reads or writes: quick stop (605Ah), the other stops (605Bh to 605Eh) and abort connection (6007h);
 // and the windows by which a drive compares its velocity (606Dh to 6070h).
 

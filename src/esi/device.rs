@@ -6,7 +6,10 @@ use std::fmt;
 
 use super::xml::{Element, EsiError, EsiFault, Max, quoted};
 use crate::coe::{ErrorTexts, Mappable, ObjectAddress, obj};
-use crate::parameters::{ObjectValue, StartUpList, StartUpWrite, Transition};
+use crate::ds402::Mode;
+use crate::parameters::{
+    ObjectValue, StartUpLines, StartUpList, StartUpWrite, Transition, WriteFault,
+};
 use crate::pdo_map::{Direction, Entry, MappedPdo};
 
 /// Subindices that a mapping object has room for (CiA 301, object 1600h).
@@ -137,7 +140,7 @@ impl fmt::Display for EsiTransition {
 /// An `InitCmd` that the library cannot execute as the file asks.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the InitCmd {}{} of {device} {why}: take it out of `EsiDevice::init_commands`, and write the object otherwise if the drive needs it",
+    "the InitCmd {}{} of {device} {why}: take it out of the file, or of `EsiDevice::init_commands`",
     command.object,
     if command.comment.is_empty() { String::new() } else { format!(" (\"{}\")", command.comment) }
 )]
@@ -156,19 +159,31 @@ pub struct RefusedInitCommand {
 #[non_exhaustive]
 pub enum InitCommandFault {
     /// Its transition is none of `IP`, `PS` and `SO`.
-    #[error("is for the transition {0}, and only those of IP, PS and SO are executed")]
+    #[error(
+        "is for the transition {0}, and only those of IP, PS and SO are executed; write the object otherwise if the drive needs it"
+    )]
     Transition(EsiTransition),
     /// It writes several subindices at once.
-    #[error("is written by complete access, and only single subindices are")]
+    #[error(
+        "is written by complete access, and only single subindices are; write the object otherwise if the drive needs it"
+    )]
     CompleteAccess,
+    /// It is a controlword, a mode or a target, and asks for something else than the library does, which writes these itself.
+    #[error(
+        "writes {0:02X?}, but controlword, mode and targets are written by the handles of an axis alone"
+    )]
+    Owned(Vec<u8>),
 }
 
 impl EsiDevice {
     /// Its `InitCmd`s as a start-up list. Those of `IP` come first, in PREOP, since a drive in INIT has no mailbox. Those of `PS`
     /// follow, also in PREOP, and those of `SO` in SAFEOP.
     ///
+    /// Left out is what the library does itself: the PDO assignment (1C12h, 1C13h), the content of PDOs that it fills, Profile Position as
+    /// the mode 6060h, and a controlword, a mode or a target of 0.
+    ///
     /// # Errors
-    /// [`RefusedInitCommand`] for the first command of another transition, or by complete access. None is left out.
+    /// [`RefusedInitCommand`] for the first command of another transition, by complete access, or with another controlword, mode or target.
     pub fn start_up_list(&self) -> Result<StartUpList, RefusedInitCommand> {
         let refused = |command: &EsiInitCommand, why| RefusedInitCommand {
             device: self.name.clone(),
@@ -177,6 +192,16 @@ impl EsiDevice {
         };
         let (mut first, mut further) = (Vec::new(), Vec::new());
         for command in &self.init_commands {
+            if let Some(why) = StartUpLines::of_the_library(command.object) {
+                if is_as_the_library(&command.data, &why) {
+                    continue;
+                }
+                let data = command.data.clone();
+                return Err(refused(command, InitCommandFault::Owned(data)));
+            }
+            if self.is_mapped_by_the_library(command.object.index) {
+                continue;
+            }
             if command.complete_access {
                 return Err(refused(command, InitCommandFault::CompleteAccess));
             }
@@ -198,6 +223,13 @@ impl EsiDevice {
         }
         let all = first.into_iter().chain(further);
         Ok(all.fold(StartUpList::new(), StartUpList::write))
+    }
+
+    /// Whether an object assigns PDOs, or is one that the library fills: it writes these, and reads them back.
+    fn is_mapped_by_the_library(&self, index: u16) -> bool {
+        let is_filled = |pdo: &EsiPdo| pdo.pdo.index == index && !self.is_fixed(pdo);
+        let directions = [Direction::Outputs, Direction::Inputs];
+        directions.iter().any(|one| one.assignment() == index) || self.pdos.iter().any(is_filled)
     }
 
     pub(super) fn read<'a>(
@@ -273,6 +305,16 @@ impl EsiDevice {
                 .collect::<Result<_, EsiError>>()?,
             init_commands,
         })
+    }
+}
+
+/// Whether a command to an object of the library asks for what that does anyway: nothing, or Profile Position as the mode.
+fn is_as_the_library(data: &[u8], object: &WriteFault) -> bool {
+    let is_nothing = data.iter().all(|byte| *byte == 0);
+    match object {
+        WriteFault::Mode => is_nothing || data == Mode::ProfilePosition.raw().to_le_bytes(),
+        WriteFault::Statusword => false,
+        _ => is_nothing,
     }
 }
 
@@ -367,18 +409,20 @@ pub struct EsiSlot {
 pub(super) struct Modules<'a>(BTreeMap<u32, Element<'a>>);
 
 impl<'a> Modules<'a> {
-    pub fn read(root: &Element<'a>) -> Result<Self, EsiError> {
+    /// One that names no identification is in no slot.
+    pub fn read(root: &Element<'a>) -> Self {
         let mut modules = BTreeMap::new();
         for module in root
             .children("Descriptions")
             .flat_map(|descriptions| descriptions.children("Modules"))
             .flat_map(|modules| modules.children("Module"))
         {
-            if let Some(ident) = module.need("Type")?.attribute_number("ModuleIdent")? {
+            let kind = module.child("Type");
+            if let Some(ident) = kind.and_then(|kind| kind.attribute_number("ModuleIdent").ok()?) {
                 modules.entry(ident).or_insert(module);
             }
         }
-        Ok(Self(modules))
+        Self(modules)
     }
 }
 

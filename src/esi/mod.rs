@@ -54,14 +54,46 @@ pub struct Esi {
     pub vendor_name: String,
     /// The devices, in the file's order.
     pub devices: Vec<EsiDevice>,
+    /// The devices that cannot be described, such as one whose PDOs have other indices than those of CoE.
+    pub skipped: Vec<SkippedDevice>,
+    /// What is not as ETG.2000 has it and was read all the same: the first number as `0xF3F`, if there is one.
+    pub warnings: Vec<EsiError>,
+}
+
+/// A device of a file that cannot be described.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{name} cannot be described: {error}")]
+#[non_exhaustive]
+pub struct SkippedDevice {
+    /// The name, or the type where it has none.
+    pub name: String,
+    /// The product code, where that can be read.
+    pub product: Option<u32>,
+    /// Why not.
+    pub error: EsiError,
+}
+
+/// A file that describes no device of a product.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the file describes no device with product code {product:08X}h{}",
+    .skipped.as_ref().map(|skipped| format!(": {skipped}")).unwrap_or_default()
+)]
+#[non_exhaustive]
+pub struct NoSuchDevice {
+    /// The product code.
+    pub product: u32,
+    /// The device of this product that cannot be described, if there is one.
+    pub skipped: Option<Box<SkippedDevice>>,
 }
 
 impl Esi {
-    /// Reads a file.
+    /// Reads a file. A device that cannot be described is left out of [`devices`](Self::devices), and named in
+    /// [`skipped`](Self::skipped).
     ///
     /// # Errors
-    /// [`EsiError`] with the file, and line and element where they apply: it cannot be read, is too large, is no XML, or is no ESI
-    /// file.
+    /// [`EsiError`] with the file, and line and element where they apply: it cannot be read, is too large, is no XML, is no ESI
+    /// file, or none of its devices can be described.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, EsiError> {
         let path = path.as_ref();
         let name = path.display().to_string();
@@ -76,37 +108,47 @@ impl Esi {
     pub fn from_bytes(name: &str, bytes: &[u8]) -> Result<Self, EsiError> {
         let text = xml::decode(bytes).map_err(|fault| EsiError::of_file(name, fault))?;
         let document = xml::parse(name, &text)?;
-        let root = xml::Element::root(name, &document);
+        let source = xml::Source::new(name);
+        let mut esi = Self::of(&xml::Element::root(&source, &document))?;
+        esi.warnings.extend(source.into_c_number());
+        Ok(esi)
+    }
+
+    fn of(root: &xml::Element<'_>) -> Result<Self, EsiError> {
         if root.name() != "EtherCATInfo" {
             return Err(root.error(EsiFault::NoEsi));
         }
         let vendor = root.need("Vendor")?;
-        let modules = device::Modules::read(&root)?;
-        let mut devices = Vec::new();
-        let mut room = device::MOST_ENTRIES;
-        for devices_of_file in root
-            .children("Descriptions")
-            .flat_map(|descriptions| descriptions.children("Devices"))
-        {
-            for device in devices_of_file.children("Device") {
-                devices.push(EsiDevice::read(
-                    vendor.need("Id")?.number()?,
-                    &device,
-                    &modules,
-                    &mut room,
-                )?);
-            }
-        }
-        Ok(Self {
+        let modules = device::Modules::read(root);
+        let mut esi = Self {
             vendor: vendor.need("Id")?.number()?,
             vendor_name: vendor.text_of("Name"),
-            devices,
-        })
+            devices: Vec::new(),
+            skipped: Vec::new(),
+            warnings: Vec::new(),
+        };
+        let mut room = device::MOST_ENTRIES;
+        for device in root
+            .children("Descriptions")
+            .flat_map(|descriptions| descriptions.children("Devices"))
+            .flat_map(|devices| devices.children("Device"))
+        {
+            match EsiDevice::read(esi.vendor, &device, &modules, &mut room) {
+                Ok(device) => esi.devices.push(device),
+                Err(error) => esi.skipped.push(SkippedDevice::of(&device, error)),
+            }
+        }
+        match esi.skipped.first() {
+            Some(skipped) if esi.devices.is_empty() => Err(skipped.error.clone()),
+            _ => Ok(esi),
+        }
     }
 
     /// The device with this product code, of the highest revision not above `revision`, or else the lowest above.
-    #[must_use]
-    pub fn device(&self, product: u32, revision: u32) -> Option<&EsiDevice> {
+    ///
+    /// # Errors
+    /// [`NoSuchDevice`], with the reason where the file has one that cannot be described.
+    pub fn device(&self, product: u32, revision: u32) -> Result<&EsiDevice, NoSuchDevice> {
         let same = || {
             self.devices
                 .iter()
@@ -116,6 +158,27 @@ impl Esi {
         not_above
             .max_by_key(|device| device.revision)
             .or_else(|| same().min_by_key(|device| device.revision))
+            .ok_or_else(|| {
+                let is_it = |skipped: &&SkippedDevice| skipped.product == Some(product);
+                let skipped = self.skipped.iter().find(is_it).cloned().map(Box::new);
+                NoSuchDevice { product, skipped }
+            })
+    }
+}
+
+impl SkippedDevice {
+    fn of(device: &xml::Element<'_>, error: EsiError) -> Self {
+        let kind = device.child("Type");
+        let name = match device.text_of("Name") {
+            name if name.is_empty() => device.text_of("Type"),
+            name => name,
+        };
+        let product = kind.and_then(|kind| kind.attribute_number("ProductCode").ok()?);
+        Self {
+            name: name.chars().take(128).collect(),
+            product,
+            error,
+        }
     }
 }
 

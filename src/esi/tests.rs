@@ -401,7 +401,7 @@ fn commands_of_each_transition_are_executed_in_their_order_or_refused_by_name() 
     assert_eq!(
         error.to_string(),
         "the InitCmd 2000h:01 (\"one\") of Drive is for the transition OS, and only those of IP, PS and SO are \
-         executed: take it out of `EsiDevice::init_commands`, and write the object otherwise if the drive needs it"
+         executed; write the object otherwise if the drive needs it: take it out of the file, or of `EsiDevice::init_commands`"
     );
     let error = with_commands(&[("CompleteAccess=\"1\"", &ps)]).start_up_list();
     assert_eq!(error.unwrap_err().why, InitCommandFault::CompleteAccess);

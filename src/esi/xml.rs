@@ -1,6 +1,7 @@
 //! The XML below an ESI file: bounds that hold whatever is in it, and elements with their numbers.
 
 use std::borrow::Cow;
+use std::cell::RefCell;
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
@@ -97,6 +98,9 @@ pub enum EsiFault {
         /// What is there, cut to 40 characters.
         got: String,
     },
+    /// A number as C writes it. It is read as hexadecimal: see [`Esi::warnings`](super::Esi::warnings).
+    #[error("`{0}` is no number as ETG.2000 has them: it is read as hexadecimal, which #x says")]
+    CNumber(String),
     /// Bytes in hexadecimal digits were expected.
     #[error("expected bytes as pairs of hexadecimal digits, got `{0}`")]
     Bytes(String),
@@ -206,15 +210,35 @@ pub(super) fn parse<'a>(file: &str, text: &'a str) -> Result<Document<'a>, EsiEr
     })
 }
 
+/// A file that is being read.
+pub(super) struct Source<'a> {
+    name: &'a str,
+    /// The first number that is written as C has it.
+    c_number: RefCell<Option<EsiError>>,
+}
+
+impl<'a> Source<'a> {
+    pub const fn new(name: &'a str) -> Self {
+        Self {
+            name,
+            c_number: RefCell::new(None),
+        }
+    }
+
+    pub fn into_c_number(self) -> Option<EsiError> {
+        self.c_number.into_inner()
+    }
+}
+
 /// An element and the file in which it is.
 #[derive(Clone, Copy)]
 pub(super) struct Element<'a> {
-    file: &'a str,
+    file: &'a Source<'a>,
     node: Node<'a, 'a>,
 }
 
 impl<'a> Element<'a> {
-    pub fn root(file: &'a str, document: &'a Document<'a>) -> Self {
+    pub fn root(file: &'a Source<'a>, document: &'a Document<'a>) -> Self {
         Self {
             file,
             node: document.root_element(),
@@ -314,7 +338,7 @@ impl<'a> Element<'a> {
     pub fn error(&self, fault: EsiFault) -> EsiError {
         let document = self.node.document();
         EsiError {
-            file: self.file.to_owned(),
+            file: self.file.name.to_owned(),
             line: Some(document.text_pos_at(self.node.range().start).row),
             element: Some(quoted_to(self.name(), QUOTED)),
             fault,
@@ -323,13 +347,19 @@ impl<'a> Element<'a> {
 
     fn parsed<T: TryFrom<u32> + Max>(&self, text: &str) -> Result<T, EsiError> {
         let text = text.trim();
-        let number = match text.strip_prefix("#x").or_else(|| text.strip_prefix("#X")) {
+        let prefixes = ["#x", "#X", "0x", "0X"];
+        let hexadecimal = prefixes.iter().find_map(|x| text.strip_prefix(x));
+        let number = match hexadecimal {
             Some(digits) if digits.bytes().all(|digit| digit.is_ascii_hexdigit()) => {
                 u32::from_str_radix(digits, 16).ok()
             }
             Some(_) => None,
             None => text.parse().ok(),
         };
+        if hexadecimal.is_some() && text.starts_with('0') {
+            let first = &mut *self.file.c_number.borrow_mut();
+            first.get_or_insert_with(|| self.error(EsiFault::CNumber(quoted_to(text, QUOTED))));
+        }
         number
             .and_then(|number| T::try_from(number).ok())
             .ok_or_else(|| {

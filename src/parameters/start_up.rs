@@ -257,19 +257,22 @@ impl<'a> StartUpLines<'a> {
         Ok(())
     }
 
-    /// The first line that a start-up list must not have. The controlword could switch an axis on before anything watches
-    /// it; a mode or a target that it holds then could move it; the statusword can only be read.
+    /// The first line that a start-up list must not have.
     pub fn mistake(&self) -> Option<StartUpError> {
-        self.0.iter().find_map(|line| {
-            let fault = match of_first_axis(line.write.object)? {
-                0x6040 => WriteFault::Controlword,
-                0x6041 => WriteFault::Statusword,
-                0x6060 => WriteFault::Mode,
-                // Velocity, torque, position, and the velocity of mode 3.
-                0x6042 | 0x6071 | 0x607A | 0x60FF => WriteFault::Target,
-                _ => return None,
-            };
-            Some(line.error(fault))
+        let mut lines = self.0.iter();
+        lines.find_map(|line| Some(line.error(Self::of_the_library(line.write.object)?)))
+    }
+
+    /// Why no start-up list may have an object. The controlword could switch an axis on before anything watches it; a mode or a target that
+    /// it holds then could move it; the statusword can only be read.
+    pub fn of_the_library(object: ObjectAddress) -> Option<WriteFault> {
+        Some(match of_first_axis(object)? {
+            0x6040 => WriteFault::Controlword,
+            0x6041 => WriteFault::Statusword,
+            0x6060 => WriteFault::Mode,
+            // Velocity, torque, position, and the velocity of mode 3.
+            0x6042 | 0x6071 | 0x607A | 0x60FF => WriteFault::Target,
+            _ => return None,
         })
     }
 

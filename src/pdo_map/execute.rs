@@ -4,7 +4,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use super::layout::Layout;
-use super::mapping::{Direction, Mapping};
+use super::mapping::{Direction, Mapping, MappingLimits};
 use super::mapping::{Entry, MappedPdo};
 use super::mapping::{MappingWrite, Plan, Purpose};
 use super::offer::FixedPdo;
@@ -193,6 +193,36 @@ pub async fn read_offered(
 async fn read_list<T: Number>(index: u16, sdo: &SdoHandle) -> Result<Vec<T>, ConfigureError> {
     let list = sdo.read_list(index).await;
     list.map_err(|error| ConfigureError::Unreadable(Box::new(error)))
+}
+
+impl MappingLimits {
+    /// Takes from a refusal how much the drive has room for, where that says it: a PDO of fewer entries or bytes, none at all, or fewer
+    /// PDOs. Each is less than what was written, so that trying again comes to an end.
+    pub fn learn_from(&mut self, error: &ConfigureError) -> bool {
+        let ConfigureError::Refused { step, error } = error else {
+            return false;
+        };
+        let (index, fits) = (
+            step.object.index,
+            usize::from(step.object.subindex.saturating_sub(1)),
+        );
+        match (step.purpose, error.error.abort_code()) {
+            (Purpose::Map(_), Some(AbortCode::NO_SUBINDEX | AbortCode::MAPPING_TOO_LONG))
+            | (Purpose::EmptyPdo, Some(AbortCode::NO_OBJECT)) => {
+                self.other_pdos.retain(|(pdo, _)| *pdo != index);
+                self.other_pdos.push((index, fits));
+            }
+            (Purpose::Assign(_), Some(AbortCode::NO_SUBINDEX)) => {
+                if index == Direction::Outputs.assignment() {
+                    self.output_pdos = fits;
+                } else {
+                    self.input_pdos = fits;
+                }
+            }
+            _ => return false,
+        }
+        true
+    }
 }
 
 /// A mapping that did not get into the drive.

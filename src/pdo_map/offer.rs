@@ -92,7 +92,7 @@ pub struct Demand<'a> {
 /// The mapping with which a drive exchanges what is wanted.
 ///
 /// Without `fixed` PDOs of a direction, the objects fill the free ones in the order of the demands. The next PDO follows when one
-/// holds as many as its [`MappingLimits`] allow. With them, the combination is taken that leaves out the fewest wanted objects. Of
+/// holds as many as its [`MappingLimits`] allow. Where not all fit, those that are required do first, then the first of the others. With them, the combination is taken that leaves out the fewest wanted objects. Of
 /// such combinations the one with the fewest bytes is taken, then the one with the fewest PDOs. The search is bounded, and begins
 /// with the PDOs that hold most. No output is mapped twice. PDOs are assigned by rising index.
 ///
@@ -133,7 +133,6 @@ pub fn choose(
             .iter()
             .filter(|offer| direction.pdo_range().contains(&offer.pdo.index))
             .collect();
-        let has_fixed = !offered.is_empty();
         // Those that hold most come first, so that a bounded search meets the likely ones.
         offered.sort_by_key(|offer| {
             let held = wanted.iter().filter(|want| offer.holds(want.entry)).count();
@@ -159,7 +158,6 @@ pub fn choose(
             wanted: &wanted,
             offered: &offered,
             limits,
-            has_fixed,
             left: MOST_COMBINATIONS,
             best: None,
         };
@@ -229,7 +227,6 @@ struct Search<'a> {
     wanted: &'a [Want<'a>],
     offered: &'a [&'a FixedPdo],
     limits: &'a MappingLimits,
-    has_fixed: bool,
     left: usize,
     best: Option<Choice<'a>>,
 }
@@ -288,32 +285,14 @@ impl<'a> Search<'a> {
 
     /// What is served with these fixed PDOs: what they do not hold goes into the free ones.
     fn choice(&self, chosen: &[&'a FixedPdo]) -> Choice<'a> {
-        let mut pdos: Vec<MappedPdo> = chosen.iter().map(|offer| offer.pdo.clone()).collect();
-        let fixed: Vec<u16> = pdos.iter().map(|pdo| pdo.index).collect();
-        let mut left_out = Vec::new();
-        for want in self.wanted {
-            let held = |offer: &&FixedPdo| {
-                let same = |entry: &Entry| entry.address() == want.entry.address();
-                // In another width it is there too: it cannot be mapped once more.
-                offer.pdo.entries.iter().any(same)
-            };
-            if chosen.iter().any(|offer| offer.holds(want.entry)) {
-                continue;
-            }
-            let goes_into = (!chosen.iter().any(held))
-                .then(|| self.room(&pdos, want.free))
-                .flatten();
-            match goes_into {
-                None => left_out.push(*want),
-                Some(index) => match pdos.iter_mut().find(|pdo| pdo.index == index) {
-                    Some(pdo) => pdo.entries.push(want.entry),
-                    None => pdos.push(MappedPdo {
-                        index,
-                        entries: alloc::vec![want.entry],
-                    }),
-                },
-            }
-        }
+        let (needed, further): (Vec<_>, Vec<_>) =
+            self.wanted.iter().partition(|want| want.required);
+        let (_, left_out) = self.fill(chosen, needed.into_iter().chain(further));
+        let served = |want: &&Want<'_>| {
+            let missing = |left: &Want<'_>| left.entry.address() == want.entry.address();
+            !left_out.iter().any(missing)
+        };
+        let (mut pdos, _) = self.fill(chosen, self.wanted.iter().filter(served));
         pdos.sort_by_key(|pdo| pdo.index);
         let bits = pdos.iter().map(MappedPdo::bits).sum();
         let most_bytes = self.limits.bytes(self.direction);
@@ -327,21 +306,62 @@ impl<'a> Search<'a> {
         };
         Choice {
             pdos,
-            fixed,
+            fixed: chosen.iter().map(|offer| offer.pdo.index).collect(),
             left_out,
             cost,
         }
     }
 
-    /// The first of these free PDOs with room for one more object. Without fixed PDOs the last takes what is too much,
-    /// so that the limit it breaks is named.
-    fn room(&self, pdos: &[MappedPdo], free: &[u16]) -> Option<u16> {
-        let is_full = |index: &u16| {
-            pdos.iter()
-                .any(|pdo| pdo.index == *index && pdo.entries.len() >= self.limits.entries(*index))
+    /// Puts what is wanted, as long as there is room, into free PDOs beside these fixed ones; and what has found none.
+    fn fill<'w>(
+        &self,
+        chosen: &[&FixedPdo],
+        wanted: impl Iterator<Item = &'w Want<'a>>,
+    ) -> (Vec<MappedPdo>, Vec<Want<'a>>)
+    where
+        'a: 'w,
+    {
+        let mut pdos: Vec<MappedPdo> = chosen.iter().map(|offer| offer.pdo.clone()).collect();
+        let mut left_out = Vec::new();
+        for want in wanted {
+            let held = |offer: &&FixedPdo| {
+                let same = |entry: &Entry| entry.address() == want.entry.address();
+                // In another width it is there too: it cannot be mapped once more.
+                offer.pdo.entries.iter().any(same)
+            };
+            if chosen.iter().any(|offer| offer.holds(want.entry)) {
+                continue;
+            }
+            let goes_into = (!chosen.iter().any(held))
+                .then(|| self.room(&pdos, want))
+                .flatten();
+            match goes_into {
+                None => left_out.push(*want),
+                Some(index) => match pdos.iter_mut().find(|pdo| pdo.index == index) {
+                    Some(pdo) => pdo.entries.push(want.entry),
+                    None => pdos.push(MappedPdo {
+                        index,
+                        entries: alloc::vec![want.entry],
+                    }),
+                },
+            }
+        }
+        (pdos, left_out)
+    }
+
+    /// The first of its free PDOs with room for one more object. What is required goes into the last one all the same, so that
+    /// the limit it breaks is named.
+    fn room(&self, pdos: &[MappedPdo], want: &Want<'_>) -> Option<u16> {
+        let has_room = |index: &&u16| {
+            let most = self.limits.entries(**index);
+            match pdos.iter().find(|pdo| pdo.index == **index) {
+                Some(pdo) => pdo.entries.len() < most,
+                None => most > 0 && pdos.len() < self.limits.pdos(self.direction),
+            }
         };
-        let with_room = free.iter().find(|index| !is_full(index)).copied();
-        with_room.or_else(|| free.last().copied().filter(|_| !self.has_fixed))
+        let with_room = want.free.iter().find(has_room);
+        let last = want.free.last().filter(|_| want.required);
+        with_room.or(last).copied()
     }
 }
 
@@ -469,26 +489,54 @@ mod tests {
         let mapping = choose(&position(&[0x1600, 0x1601]), &[], &limits).unwrap();
         assert_eq!(indices(&mapping), [0x1600, 0x1601]);
         assert_eq!(mapping.outputs()[1].entries, [VELOCITY]);
+        let mut all = position(&[0x1600]);
+        all.iter_mut().for_each(|demand| demand.required = true);
         assert_eq!(
-            choose(&position(&[0x1600]), &[], &limits),
+            choose(&all, &[], &limits),
             Err(MappingError::TooManyEntries {
                 pdo: 0x1600,
                 entries: 4,
                 limit: 3
             })
         );
+        let mut all = position(&[0x1600, 0x1601]);
+        all.iter_mut().for_each(|demand| demand.required = true);
         let one_pdo = MappingLimits {
             output_pdos: 1,
             ..limits
         };
         assert_eq!(
-            choose(&position(&[0x1600, 0x1601]), &[], &one_pdo),
+            choose(&all, &[], &one_pdo),
             Err(MappingError::TooManyPdos {
                 direction: Direction::Outputs,
                 pdos: 2,
                 limit: 1
             })
         );
+    }
+
+    #[test]
+    fn where_not_all_fit_what_is_needed_does_first() {
+        for (most, expected) in [
+            (3, &[CONTROLWORD, MODE, TARGET][..]),
+            (2, &[CONTROLWORD, TARGET]),
+        ] {
+            let limits = MappingLimits {
+                entries_per_pdo: most,
+                output_pdos: 1,
+                ..MappingLimits::default()
+            };
+            let mapping = choose(&position(&[0x1600, 0x1601]), &[], &limits).unwrap();
+            assert_eq!(indices(&mapping), [0x1600]);
+            assert_eq!(mapping.outputs()[0].entries, expected);
+        }
+        // A PDO that the drive does not have.
+        let limits = MappingLimits {
+            other_pdos: vec![(0x1600, 0)],
+            ..MappingLimits::default()
+        };
+        let mapping = choose(&position(&[0x1600, 0x1601]), &[], &limits).unwrap();
+        assert_eq!(indices(&mapping), [0x1601]);
     }
 
     #[test]

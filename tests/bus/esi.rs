@@ -5,9 +5,10 @@ use std::path::PathBuf;
 
 use crate::rig::{Line, Rig, unhomed};
 use servocrab::{
-    DriveConfig, Network, Referencing,
+    AxisConfig, DriveConfig, Network, Outcome, Referencing, SetPoint,
     bus::DistributedClock,
-    coe::AbortCode,
+    coe::{AbortCode, obj},
+    drives,
     esi::{Esi, EsiDevice, EsiDifferences},
 };
 use servocrab_sim::{AlState, Device, EsiChoice, EsiDrive, Segment, personality::Servo};
@@ -376,4 +377,297 @@ fn one_device_of_a_generated_file_of_20_mb_is_found_brought_up_and_moved() {
     let identity = line.segment().devices()[0].description().identity;
     assert_eq!((identity.product, identity.revision), (product, 1));
     rig.shutdown();
+}
+
+/// The plain drive's file with these changes.
+fn edited(changes: &[(&str, &str)]) -> String {
+    let text = std::fs::read_to_string(path("generic.xml")).unwrap();
+    changes.iter().fold(text, |text, (find, put)| {
+        assert!(text.contains(find), "{find}");
+        text.replace(find, put)
+    })
+}
+
+fn described(text: &str) -> EsiDevice {
+    let esi = Esi::from_bytes("made.xml", text.as_bytes());
+    esi.unwrap_or_else(|error| panic!("{error}"))
+        .devices
+        .remove(0)
+}
+
+fn simulated(text: &str) -> Device {
+    let drive = EsiDrive::from_bytes("made.xml", text.as_bytes());
+    drive.unwrap_or_else(|error| panic!("{error}")).build()
+}
+
+/// Why a drive of a file does not come up.
+fn not_brought_up(text: &str) -> String {
+    let line = Line::new(Segment::new().with(simulated(text)));
+    let config = DriveConfig::from_esi(&described(text)).unwrap().axis("x");
+    let builder = Network::builder().link(line.wire()).drive(0, config);
+    let started = Rig::start(builder);
+    let error = started.err().expect("it cannot be moved").to_string();
+    assert_eq!(error.matches(". ").count(), 0, "one sentence: {error}");
+    error
+}
+
+/// Without this object in a PDO or in the dictionary.
+fn without(text: &str, index: &str) -> String {
+    let lines = text.lines();
+    let rest = lines.filter(|line| !line.contains(&format!("<Index>#x{index}</Index>")));
+    rest.collect::<Vec<_>>().join("\n")
+}
+
+fn command(attributes: &str, index: &str, data: &str) -> String {
+    format!(
+        "<InitCmd {attributes}><Transition>PS</Transition><Index>#x{index}</Index><SubIndex>0</SubIndex>\
+         <Data>{data}</Data><Comment>Opmode</Comment></InitCmd>"
+    )
+}
+
+#[test]
+fn commands_for_what_the_library_does_itself_are_left_out_where_they_agree() {
+    let commands = [
+        command("", "6060", "01"),
+        command("", "6040", "0000"),
+        command("", "60FF", "00000000"),
+        command("CompleteAccess=\"1\"", "1C12", "0100001A"),
+        command("CompleteAccess=\"1\"", "1600", "00"),
+        command("", "6067", "4D000000"),
+    ];
+    let text = edited(&[("</CoE>", &format!("{}</CoE>", commands.concat()))]);
+    let device = described(&text);
+    let list = device.start_up_list().unwrap();
+    let objects: Vec<_> = list.writes.iter().map(|write| write.object.index).collect();
+    assert_eq!(objects, [0x605A, 0x6067]);
+    let (mut rig, _line) = brought_up_and_moved(&device, simulated(&text), &["x"]);
+    assert_eq!(held(&mut rig, 0x6067, 0), [77, 0, 0, 0]);
+    rig.shutdown();
+}
+
+#[test]
+fn commands_for_another_mode_or_a_motion_are_refused_by_name_with_the_way_round() {
+    for (index, data) in [("6060", "08"), ("6040", "0F00"), ("607A", "10270000")] {
+        let commands = format!("{}</CoE>", command("", index, data));
+        let text = edited(&[("</CoE>", &commands)]);
+        let mut device = described(&text);
+        let error = DriveConfig::from_esi(&device).unwrap_err().to_string();
+        for part in [
+            index,
+            "Opmode",
+            "CiA 402 servo drive",
+            "take it out of the file, or of `EsiDevice::init_commands`",
+        ] {
+            assert!(error.contains(part), "{part}: {error}");
+        }
+        let index = u16::from_str_radix(index, 16).unwrap();
+        device
+            .init_commands
+            .retain(|command| command.object.index != index);
+        let (rig, _line) = brought_up_and_moved(&device, simulated(&text), &["x"]);
+        rig.shutdown();
+    }
+}
+
+#[test]
+fn of_a_file_with_a_device_that_cannot_be_described_the_others_are_brought_up_and_moved() {
+    let text = edited(&[(
+        "<Devices>",
+        "<Devices><Device><Type ProductCode=\"0x1800\" RevisionNo=\"0x1\">EL</Type><Name>Terminal</Name>\
+         <RxPdo><Index>#x1800</Index></RxPdo></Device>\
+         <Device><Type ProductCode=\"24\">AX</Type><TxPdo/></Device>",
+    )]);
+    let esi = Esi::from_bytes("many.xml", text.as_bytes()).unwrap();
+    let skipped: Vec<_> = esi.skipped.iter().map(ToString::to_string).collect();
+    assert!(
+        skipped[0].starts_with(
+            "Terminal cannot be described: many.xml:7, element Index: expected an index of 1600h"
+        ),
+        "{skipped:?}"
+    );
+    assert!(
+        skipped[1].starts_with("AX cannot be described"),
+        "{skipped:?}"
+    );
+    let absent = esi.device(0x1800, 1).unwrap_err().to_string();
+    assert!(absent.contains(&skipped[0]), "{absent}");
+    assert_eq!(
+        esi.device(7, 1).unwrap_err().to_string(),
+        "the file describes no device with product code 00000007h"
+    );
+    let warnings: Vec<_> = esi.warnings.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        warnings,
+        [
+            "many.xml:7, element Type: `0x1800` is no number as ETG.2000 has them: it is read as hexadecimal, which #x says"
+        ]
+    );
+    let file = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("many.xml");
+    std::fs::write(&file, &text).unwrap();
+    let choice: EsiChoice = format!("{}:44530402h", file.display()).parse().unwrap();
+    let drive = EsiDrive::choose(&choice).unwrap().build();
+    let device = esi.device(0x4453_0402, 1).unwrap();
+    let (rig, _line) = brought_up_and_moved(device, drive, &["x"]);
+    rig.shutdown();
+}
+
+#[test]
+fn a_file_with_numbers_as_0x_and_values_of_other_lengths_is_simulated_brought_up_and_moved() {
+    let object = |index: &str, kind: &str, bits: u32, value: &str| {
+        format!(
+            "<Object><Index>0x{index}</Index><Type>{kind}</Type><BitSize>{bits}</BitSize>\
+             <Info><DefaultData>{value}</DefaultData></Info><Flags><Access>rw</Access></Flags></Object>"
+        )
+    };
+    let objects = [
+        object("6502", "UINT", 16, "2100"),
+        object("6065", "UDINT", 32, "3930"),
+        object("2000", "UINT", 16, "341256"),
+        object("2001", "ARRAY [0..511] OF BYTE", 4096, "0102"),
+    ];
+    let text = edited(&[
+        ("#x", "0x"),
+        ("</Objects>", &format!("{}</Objects>", objects.concat())),
+    ]);
+    let (mut rig, _line) = brought_up_and_moved(&described(&text), simulated(&text), &["x"]);
+    assert_eq!(held(&mut rig, 0x6065, 0), [0x39, 0x30, 0, 0]);
+    assert_eq!(held(&mut rig, 0x2000, 0), [0x34, 0x12]);
+    let array = held(&mut rig, 0x2001, 0);
+    assert_eq!((array.len(), &array[..3]), (512, &[1, 2, 0][..]));
+    rig.shutdown();
+}
+
+#[test]
+fn a_module_that_a_slot_names_by_its_ident_is_the_one_that_is_brought_up() {
+    let text = std::fs::read_to_string(path("two_axes.xml")).unwrap();
+    let other = "<ModuleIdent>0x777</ModuleIdent>";
+    let text = text
+        .replacen("<ModuleIdent", &format!("{other}<ModuleIdent"), 1)
+        .replace(
+            "<Modules>",
+            "<Modules><Module><Type>no ident</Type></Module>",
+        );
+    let device = described(&text);
+    assert_eq!(device.slots[0].fitting[0], 0x777);
+    assert_eq!(device.slots[0].module, Some(0x401));
+    let (rig, _line) = brought_up_and_moved(&device, simulated(&text), &["x", "y"]);
+    rig.shutdown();
+}
+
+#[test]
+fn a_drive_whose_pdos_have_no_target_position_says_which_modes_it_has() {
+    let outputs = entries(&[(0x6040, 16), (0x6060, 8), (0x60FF, 32)]);
+    let inputs = entries(&[(0x6041, 16), (0x6061, 8), (0x6064, 32)]);
+    let pdos = format!(
+        "<RxPdo Fixed=\"1\" Sm=\"2\"><Index>#x1600</Index>{outputs}</RxPdo>\
+         <TxPdo Fixed=\"1\" Sm=\"3\"><Index>#x1A00</Index>{inputs}</TxPdo>"
+    );
+    let modes = "<Object><Index>#x6502</Index><Type>UDINT</Type><BitSize>32</BitSize>\
+                 <Info><DefaultData>84010000</DefaultData></Info></Object></Objects>";
+    let text = changed(&pdos, "", "").replace("</Objects>", modes);
+    let error = not_brought_up(&text);
+    assert!(
+        error.ends_with(
+            "axis x cannot be moved: moves need 607Ah:00 target position in an RxPDO, which none holds that this drive offers, and \
+             it has profile velocity mode (3), cyclic synchronous position mode (8), cyclic synchronous velocity mode (9) by 6502h"
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_drive_without_profile_position_says_which_modes_it_has() {
+    let modes = "<Object><Index>#x6502</Index><Type>UDINT</Type><BitSize>32</BitSize>\
+                 <Info><DefaultData>80000000</DefaultData></Info></Object></Objects>";
+    let error = not_brought_up(&edited(&[("</Objects>", modes)]));
+    assert!(
+        error.ends_with(
+            "axis x cannot be moved: its drive has cyclic synchronous position mode (8) by 6502h, and moves need profile position \
+             mode (1)"
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_drive_without_a_profile_velocity_moves_with_what_it_holds() {
+    let text = without(&edited(&[]), "6081");
+    let line = Line::new(Segment::new().with(simulated(&text)));
+    let config = DriveConfig::from_esi(&described(&text)).unwrap().axis("x");
+    let config = config.change_axis("x", |axis| {
+        axis.referencing(Referencing::UnreferencedMovesAllowed)
+    });
+    let builder = Network::builder().link(line.wire()).drive(0, config);
+    let mut rig = Rig::start(builder).unwrap_or_else(|error| panic!("{error}"));
+    let axis = rig.net().axis("x").unwrap();
+    let outcome = rig.until(async {
+        axis.enable().await.unwrap();
+        let positions = axis.profile_position().await.unwrap();
+        let motion = positions.move_abs(10_000, SetPoint::new()).await.unwrap();
+        motion.done().await.unwrap()
+    });
+    assert!(matches!(outcome, Outcome::Reached { .. }), "{outcome:?}");
+    assert_eq!(line.segment().axis(0, 0).unwrap().ledger()[0].value, 10_000);
+    rig.shutdown();
+}
+
+/// A drive with room for so many objects in 1600h and 1A00h, and no other PDO.
+fn with_room_for(places: usize) -> Device {
+    let text = edited(&[]);
+    let (head, rest) = text.split_at(text.find("<DataType><Name>DT1600").unwrap());
+    let (_, tail) = rest.split_at(rest.find("<DataType><Name>DT1C12ARR").unwrap());
+    let place = |place| {
+        let kind = if place == 0 { "USINT" } else { "UDINT" };
+        let bits = if place == 0 { 8 } else { 32 };
+        format!(
+            "<SubItem><SubIdx>{place}</SubIdx><Type>{kind}</Type><BitSize>{bits}</BitSize><Flags><Access>rw</Access></Flags></SubItem>"
+        )
+    };
+    let places: String = (0..=places).map(place).collect();
+    let text = format!("{head}<DataType><Name>DT1600</Name>{places}</DataType>\n{tail}");
+    let pdo = |name: &str, index: &str, entries: String| {
+        format!(
+            "<{name} Sm=\"{}\"><Index>#x{index}</Index>{entries}</{name}>",
+            if name == "RxPdo" { 2 } else { 3 }
+        )
+    };
+    let pdos = pdo("RxPdo", "1600", entries(&[(0x6040, 16), (0x607A, 32)]))
+        + &pdo("TxPdo", "1A00", entries(&[(0x6041, 16), (0x6064, 32)]));
+    let (head, rest) = text.split_at(text.find("<RxPdo").unwrap());
+    let (_, tail) = rest.split_at(rest.find("<Mailbox").unwrap());
+    let text = ["1601", "1602", "1603", "1A01", "1A02", "1A03"]
+        .iter()
+        .fold(format!("{head}{pdos}{tail}"), |text, index| {
+            without(&text, index)
+        });
+    simulated(&text)
+}
+
+#[test]
+fn what_a_drive_has_no_room_for_in_its_pdos_goes_by_sdo_the_most_needed_is_mapped() {
+    for (places, expected) in [
+        (5, &[0x6040_u16, 0x6060, 0x607A, 0x6081, 0x6083][..]),
+        (2, &[0x6040, 0x607A]),
+    ] {
+        let line = Line::new(Segment::new().with(with_room_for(places)));
+        let config = unhomed(drives::generic(), &["x"]);
+        let builder = Network::builder().link(line.wire()).drive(0, config);
+        let mut rig = Rig::start(builder).unwrap_or_else(|error| panic!("{error}"));
+        rig.moves_each(&line, &["x"]);
+        assert_eq!(held(&mut rig, 0x1C12, 0), [1]);
+        assert_eq!(usize::from(held(&mut rig, 0x1600, 0)[0]), expected.len());
+        for (place, index) in (1..).zip(expected) {
+            let entry = held(&mut rig, 0x1600, place);
+            assert_eq!(entry[2..], index.to_le_bytes(), "{place}");
+        }
+        rig.loses_power(&line, 0);
+        rig.recover(0).unwrap_or_else(|error| panic!("{error}"));
+        rig.shutdown();
+    }
+    let line = Line::new(Segment::new().with(with_room_for(2)));
+    let axis = AxisConfig::new("x").map_output(obj::TARGET_TORQUE);
+    let config = DriveConfig::new(drives::generic()).axis(axis);
+    let builder = Network::builder().link(line.wire()).drive(0, config);
+    let error = Rig::start(builder).err().expect("no room").to_string();
+    assert!(error.contains("1600h"), "{error}");
 }

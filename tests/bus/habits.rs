@@ -146,16 +146,19 @@ fn is_of_the_mapping(object: ObjectAddress) -> bool {
 
 #[test]
 fn a_drive_without_sdo_information_comes_up_and_moves_and_says_so_in_op() {
-    let bench = Bench::new(
-        Servo::generic().without_sdo_information().build(),
-        Habits::default(),
-    );
-    let mut rig = bench.start().unwrap();
-    let sdo = rig.net().sdo(0).unwrap();
-    let error = rig.until(sdo.dictionary()).unwrap_err().error;
-    assert!(matches!(error, SdoError::NotSupported { .. }), "{error}");
-    assert_eq!(rig.until(sdo.read(obj::PRODUCT_CODE)).unwrap(), 0x4453_0402);
-    moves(&bench, rig);
+    for refuses_information_by_mailbox in [false, true] {
+        let habits = Habits {
+            refuses_information_by_mailbox,
+            ..Habits::default()
+        };
+        let bench = Bench::new(Servo::generic().without_sdo_information().build(), habits);
+        let mut rig = bench.start().unwrap();
+        let sdo = rig.net().sdo(0).unwrap();
+        let error = rig.until(sdo.dictionary()).unwrap_err().error;
+        assert!(matches!(error, SdoError::NotSupported { .. }), "{error}");
+        assert_eq!(rig.until(sdo.read(obj::PRODUCT_CODE)).unwrap(), 0x4453_0402);
+        moves(&bench, rig);
+    }
 }
 
 #[test]

@@ -254,6 +254,7 @@ fn a_drive_with_eight_entries_per_pdo_gets_the_ninth_in_its_next_pdo() {
 fn more_pdos_than_a_sync_manager_takes_are_refused_with_both_numbers() {
     let mut description = drives::generic();
     description.limits.output_pdos = 1;
+    description.limits.entries_per_pdo = 4;
     let wanted = config(description)
         .change_axis("x", |axis| axis.map_output(obj::END_VELOCITY))
         .change_axis("x", |axis| axis.map_output(obj::QUICK_STOP_DECELERATION))

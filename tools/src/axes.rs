@@ -1,14 +1,17 @@
 //! The drives of a line with all their axes: as a `machine.toml` names them, or each by its own description.
 
+use std::cell::Cell;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
 use servocrab::{
-    AxisConfig, DriveConfig,
-    bus::{Expected, IoConfig, LineDevice, NetworkBuilder},
+    AxisConfig, DriveConfig, Network, NetworkError,
+    bus::{BringUpStep, Expected, IoConfig, LineDevice, NetworkBuilder},
     coe::{AxisOffset, DriveId, SdoHandle, obj},
+    esi::{Esi, EsiDriveError},
 };
+use servocrab_sim::EsiChoice;
 
 use crate::{
     line::LineArguments,
@@ -22,15 +25,119 @@ use crate::{
 pub(crate) struct DrivesArguments {
     #[command(flatten)]
     pub(crate) line: LineArguments,
-    /// The line's description, as `servocrab init` writes it: the names of the axes and their units. The line has to be as it says
-    #[arg(long, value_name = "FILE")]
-    machine: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) described: DescribedBy,
     /// Time from one cycle to the next, in microseconds; without it: that of the machine's file, or 1000
     #[arg(long, value_parser = clap::value_parser!(u32).range(100..=20_000))]
     cycle_us: Option<u32>,
     /// After this time without process data a drive stops by itself, in milliseconds; without it: twenty cycles, at least 100 ms
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=6500))]
     watchdog_ms: Option<u64>,
+}
+
+/// What says how the drives of a line are driven, where that is not known of them.
+#[derive(Args)]
+pub(crate) struct DescribedBy {
+    /// The line's description, as `servocrab init` writes it: the names of the axes and their units. The line has to be as it says
+    #[arg(long, value_name = "FILE")]
+    machine: Option<PathBuf>,
+    /// A maker's ESI file: the drives of this maker that are in it are driven by it, or all of this maker by one device of it
+    #[arg(
+        long,
+        value_name = "FILE[:PRODUCT[:REVISION]]",
+        conflicts_with = "machine"
+    )]
+    esi: Option<EsiChoice>,
+}
+
+impl DescribedBy {
+    pub(crate) fn machine(&self) -> Result<Option<Machine>, Failure> {
+        self.machine.as_deref().map(Machine::load).transpose()
+    }
+
+    pub(crate) fn file(&self, tool: &Tool) -> Result<MakersFile, Failure> {
+        let mut file = MakersFile {
+            esi: None,
+            used: Cell::new(false),
+        };
+        if let Some(choice) = &self.esi {
+            let esi = Esi::load(&choice.file)?;
+            esi.warnings.iter().for_each(|warning| tool.note(warning));
+            file.esi = Some((choice.clone(), esi));
+        }
+        Ok(file)
+    }
+
+    /// The running network; what is to be done where the profile's objects do not fit a drive.
+    pub(crate) async fn start(&self, network: NetworkBuilder) -> Result<Network, Failure> {
+        let started = network.start().await;
+        started.map_err(|error| match &error {
+            NetworkError::Drive {
+                step: BringUpStep::Mapping,
+                ..
+            } if self.esi.is_none() && self.machine.is_none() => {
+                format!("{error}: describe the drive by its maker's file, --esi FILE").into()
+            }
+            _ => error.into(),
+        })
+    }
+}
+
+/// An ESI file, where one was named.
+pub(crate) struct MakersFile {
+    esi: Option<(EsiChoice, Esi)>,
+    used: Cell<bool>,
+}
+
+impl MakersFile {
+    /// How a device is driven, and how many axes it has: by the file, by what is known of it, or by the profile's objects; `None` if it is no
+    /// drive.
+    pub(crate) async fn drive(
+        &self,
+        device: &LineDevice,
+    ) -> Result<Option<(DriveConfig, usize)>, Failure> {
+        let identity = &device.id.identity;
+        let esi = self.esi.as_ref();
+        if let Some((choice, esi)) = esi.filter(|(_, esi)| esi.vendor == identity.vendor) {
+            let product = choice.product.unwrap_or(identity.product);
+            let revision = choice.revision.unwrap_or(match choice.product {
+                Some(_) => u32::MAX,
+                None => identity.revision,
+            });
+            match esi.device(product, revision) {
+                Ok(found) => {
+                    let mut found = found.clone();
+                    found.product = identity.product;
+                    self.used.set(true);
+                    return match DriveConfig::from_esi(&found) {
+                        Ok(drive) => Ok(Some((drive, found.description()?.axes.len()))),
+                        Err(EsiDriveError::NoAxis(_)) => Ok(None),
+                        Err(error) => Err(error.into()),
+                    };
+                }
+                Err(error) if choice.product.is_some() || error.skipped.is_some() => {
+                    return Err(format!("{}: {error}", choice.file.display()).into());
+                }
+                Err(_) => {}
+            }
+        }
+        let description = description_of(device).await;
+        Ok(description.map(|description| {
+            let axes = description.axes.len();
+            (DriveConfig::new(description), axes)
+        }))
+    }
+
+    /// That it says something of a device of the line.
+    pub(crate) fn is_used(&self) -> Result<(), Failure> {
+        match &self.esi {
+            Some((choice, _)) if !self.used.get() => {
+                let file = choice.file.display();
+                Err(format!("{file} describes no device of this line").into())
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// All drives of a line, each with all its axes.
@@ -59,10 +166,11 @@ impl DrivesArguments {
         tool: &Tool,
         config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
     ) -> Result<Drives, Failure> {
-        let machine = self.machine.as_deref().map(Machine::load).transpose()?;
+        let machine = self.described.machine()?;
+        let file = self.described.file(tool)?;
         let line = self.line.scan(tool).await?;
         let found = tool
-            .unless_interrupted(Drives::on(machine, line.devices(), config))
+            .unless_interrupted(Drives::on(machine, &file, line.devices(), config))
             .await;
         line.close().await;
         found
@@ -92,6 +200,7 @@ impl DrivesArguments {
 impl Drives {
     async fn on(
         machine: Option<Machine>,
+        file: &MakersFile,
         line: &[LineDevice],
         config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
     ) -> Result<Self, Failure> {
@@ -103,7 +212,7 @@ impl Drives {
         };
         match &machine {
             Some(machine) => all.take_machine(machine, line, config).await?,
-            None => all.take_line(line, config).await,
+            None => all.take_line(file, line, config).await?,
         }
         if all.axes.is_empty() {
             return Err("no drive was found on the line".into());
@@ -134,15 +243,15 @@ impl Drives {
     /// Each device by its own description.
     async fn take_line(
         &mut self,
+        file: &MakersFile,
         line: &[LineDevice],
         config: impl Fn(&FoundAxis, AxisConfig) -> AxisConfig,
-    ) {
+    ) -> Result<(), Failure> {
         for device in line {
             let position = device.id.position;
-            if let Some(description) = description_of(device).await {
-                let numbers = 1..=description.axes.len();
-                let named = numbers.map(|axis| Axis::named(axis_name(position, axis)));
-                let (named, drive) = (named.collect(), DriveConfig::new(description));
+            if let Some((drive, axes)) = file.drive(device).await? {
+                let named = (1..=axes).map(|axis| Axis::named(axis_name(position, axis)));
+                let named = named.collect();
                 let sdo = device.sdo.as_ref();
                 self.take(device.id.clone(), drive, named, sdo, &config)
                     .await;
@@ -150,6 +259,7 @@ impl Drives {
                 self.ios.extend(io(device).map(|io| (position, io)));
             }
         }
+        file.is_used()
     }
 
     async fn take(

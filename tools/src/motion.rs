@@ -78,9 +78,9 @@ pub(crate) struct Move {
     /// By this distance, in the axis' unit
     #[arg(long, allow_negative_numbers = true)]
     by: Option<f64>,
-    /// Profile velocity 6081h, in the axis' unit a second
+    /// Profile velocity 6081h, in the axis' unit a second; without it, what the drive holds
     #[arg(long)]
-    velocity: f64,
+    velocity: Option<f64>,
     /// Profile acceleration and deceleration 6083h and 6084h; without it, what the drive holds
     #[arg(long)]
     acceleration: Option<f64>,
@@ -153,20 +153,21 @@ pub(crate) async fn move_axis(tool: &Tool, arguments: &Move) -> Done {
         true => Referencing::UnreferencedMovesAllowed,
         false => Referencing::ByHoming,
     };
+    let with = match arguments.velocity {
+        Some(velocity) => velocity.to_string(),
+        None => "the velocity that the drive holds".to_owned(),
+    };
     let what = match arguments.to {
-        Some(target) => format!("move to {target} with {}", arguments.velocity),
-        None => format!(
-            "move by {} with {}",
-            arguments.by.unwrap_or(0.0),
-            arguments.velocity
-        ),
+        Some(target) => format!("move to {target} with {with}"),
+        None => format!("move by {} with {with}", arguments.by.unwrap_or(0.0)),
     };
     let config = |axis: AxisConfig| axis.referencing(referencing);
     run(tool, &arguments.axis, &what, config, async |_, axis, units| {
         // The axis stands, and some drives can replace no move.
-        let mut set_point = SetPoint::new()
-            .velocity(units.velocity(arguments.velocity)?)
-            .buffer_mode(BufferMode::Buffered);
+        let mut set_point = SetPoint::new().buffer_mode(BufferMode::Buffered);
+        if let Some(velocity) = arguments.velocity {
+            set_point = set_point.velocity(units.velocity(velocity)?);
+        }
         if let Some(ramp) = arguments.acceleration {
             let ramp = units.acceleration(ramp)?;
             set_point = set_point.acceleration(ramp).deceleration(ramp);
@@ -220,7 +221,7 @@ async fn run(
     );
     tool.agreed(arguments.yes, &question).await?;
     let network = drives.network(found.only(position))?;
-    let start = async { Ok(network.start().await?) };
+    let start = drives.described.start(network);
     let net = tool.unless_interrupted(start).await?;
     let axis = net.axis(&name)?;
     let emergencies = net.all_emergencies();

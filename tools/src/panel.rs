@@ -52,7 +52,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     };
     let (axes, jogged) = (axes(|_| true), axes(|axis| axis.jogs));
     let builder = arguments.drives.network(found)?;
-    let start = async { Ok(builder.start().await?) };
+    let start = arguments.drives.described.start(builder);
     let net = tool.unless_interrupted(start).await?;
     let name = arguments.drives.line.interface();
     let own = format!("panel-{}", std::process::id());

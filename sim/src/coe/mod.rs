@@ -66,11 +66,13 @@ impl Server {
         self.sdo.longest = self.longest;
     }
 
-    /// Serves the payload of one CoE message: the payloads of the replies.
+    /// Serves the payload of one CoE message: the payloads of the replies. SDO information that is not offered is refused as real drives
+    /// mostly do, by an SDO abort, or by a message of the mailbox.
     pub(crate) fn serve(
         &mut self,
         payload: &[u8],
         objects: &mut dyn Objects,
+        refuses_by_mailbox: bool,
     ) -> Result<Vec<Vec<u8>>, MailError> {
         let header = read_u16(payload, 0).ok_or(MailError::TooShort)?;
         match header >> 12 {
@@ -80,6 +82,9 @@ impl Server {
             }
             SERVICE_SDO_INFORMATION if self.offers_information => {
                 information::serve(payload, objects, self.longest)
+            }
+            SERVICE_SDO_INFORMATION if !refuses_by_mailbox => {
+                Ok(vec![sdo::abort_payload(0, 0, Abort::Command)])
             }
             _ => Err(MailError::ServiceNotSupported),
         }

@@ -28,6 +28,9 @@ pub struct Habits {
     pub emergencies: bool,
     /// The message that is refused, and why; nothing comes of it when that is no SDO request that names an object.
     pub refuses: Option<(u64, Abort)>,
+    /// SDO information that it does not have is refused by a message of the mailbox (ETG.1000.4, 0004h: service not supported) in place
+    /// of an SDO abort.
+    pub refuses_information_by_mailbox: bool,
     /// When the first state is asked for, it falls into the second, or stays below it, with this AL status code.
     pub falls: Option<(AlState, AlState, u16)>,
     /// It looks at AL control this long after it was written, and sees what was written last.

@@ -248,7 +248,10 @@ impl Device {
             let drive = drive.as_mut().ok_or(MailError::UnsupportedProtocol)?;
             let replies = match practice.refuse(payload) {
                 Some(refusal) => vec![refusal],
-                None => server.serve(payload, &mut drive.sdo(is_preop))?,
+                None => {
+                    let by_mailbox = practice.habits.refuses_information_by_mailbox;
+                    server.serve(payload, &mut drive.sdo(is_preop), by_mailbox)?
+                }
             };
             Ok(practice.surround(replies))
         });

@@ -53,6 +53,7 @@ const ENTRIES: u8 = 8;
 pub struct EsiDrive {
     description: Description,
     drive: Option<DriveBlueprint>,
+    warnings: Vec<String>,
 }
 
 impl EsiDrive {
@@ -111,6 +112,12 @@ impl EsiDrive {
         Self::of(vendor, &root, &device)
     }
 
+    /// Values at power-up that the device cannot hold as the file has them, each with its line and with what is held instead.
+    #[must_use]
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
     /// Changes how all axes behave.
     #[must_use]
     pub fn change(mut self, change: impl Fn(&mut Behaviour)) -> Self {
@@ -135,7 +142,8 @@ impl EsiDrive {
     fn of(vendor: u32, root: &Element<'_>, device: &Element<'_>) -> Result<Self, EsiError> {
         let kind = device.need("Type")?;
         let parts = parts(root, device)?;
-        let mut objects = objects::read(&parts)?;
+        let mut warnings = Vec::new();
+        let mut objects = objects::read(&parts, &mut warnings)?;
         let serial = number(&objects, 0x1018, 4).unwrap_or(0);
         let identity = Identity {
             vendor,
@@ -158,7 +166,8 @@ impl EsiDrive {
             .collect();
         let managers: Vec<Manager> = device
             .all("Sm")
-            .map(|sm| manager(&sm))
+            .zip(0..)
+            .map(|(sm, place)| manager(&sm, place))
             .collect::<Result<_, _>>()?;
         for manager in &managers {
             let mut described = manager.description;
@@ -183,7 +192,11 @@ impl EsiDrive {
         };
         let axes = drive.as_ref().map_or(0, |drive| drive.axes.len());
         description.ds402_channels = u8::try_from(axes).unwrap_or(u8::MAX);
-        Ok(Self { description, drive })
+        Ok(Self {
+            description,
+            drive,
+            warnings,
+        })
     }
 }
 
@@ -208,13 +221,20 @@ impl Manager {
     }
 }
 
-fn manager(element: &Element<'_>) -> Result<Manager, EsiError> {
-    let purpose = match element.text() {
-        "MBoxOut" => SyncManagerUse::MailboxOut,
-        "MBoxIn" => SyncManagerUse::MailboxIn,
-        "Outputs" => SyncManagerUse::Outputs,
-        "Inputs" => SyncManagerUse::Inputs,
-        other => return Err(element.error(format!("a sync manager for {other:?} is not known"))),
+/// By its name (ETG.2000), or by its number where the file has none: that in the element, or its place among the others.
+fn manager(element: &Element<'_>, place: u16) -> Result<Manager, EsiError> {
+    let text = element.text();
+    let number = if text.is_empty() {
+        Ok(place)
+    } else {
+        text.parse()
+    };
+    let purpose = match (text.to_ascii_lowercase().as_str(), number) {
+        ("mboxout", _) | (_, Ok(0)) => SyncManagerUse::MailboxOut,
+        ("mboxin", _) | (_, Ok(1)) => SyncManagerUse::MailboxIn,
+        ("outputs", _) | (_, Ok(2)) => SyncManagerUse::Outputs,
+        ("inputs", _) | (_, Ok(3)) => SyncManagerUse::Inputs,
+        _ => return Err(element.error(format!("a sync manager for {text:?} is not known"))),
     };
     let length = element.attribute_number("DefaultSize")?.unwrap_or(0);
     Ok(Manager {
@@ -362,12 +382,17 @@ fn drive(
     }
 }
 
-/// The number of 32 bits that the file gives an object at power-up.
+/// The number that the file gives an object at power-up.
 fn number(objects: &[PlainObject], index: u16, subindex: u8) -> Option<u32> {
     let object = objects.iter().find(|object| object.index == index)?;
     let mut entries = object.entries.iter();
     let entry = entries.find(|entry| entry.subindex == subindex)?;
-    Some(u32::from_le_bytes(entry.default.clone()?.try_into().ok()?))
+    let bytes = entry.default.as_ref().filter(|bytes| bytes.len() <= 4)?;
+    let number = bytes
+        .iter()
+        .rev()
+        .fold(0, |number, byte| number << 8 | u32::from(*byte));
+    Some(number)
 }
 
 /// 1018h holds the identity of the device, whatever the dictionary says of it.

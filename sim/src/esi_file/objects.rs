@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Part;
-use super::xml::{Element, EsiError};
+use super::xml::{Element, EsiError, hexadecimal_digits};
 use crate::drive::{PlainEntry, PlainObject};
 
 /// Entries that a dictionary can have here: a short file can name long types often.
@@ -37,7 +37,10 @@ impl Flags {
 }
 
 /// The objects of the dictionaries of a device and of the modules in its slots. A module may use the device's data types.
-pub(super) fn read(parts: &[Part<'_>]) -> Result<Vec<PlainObject>, EsiError> {
+pub(super) fn read(
+    parts: &[Part<'_>],
+    warnings: &mut Vec<String>,
+) -> Result<Vec<PlainObject>, EsiError> {
     let of_device = parts.first().and_then(Part::dictionary);
     let mut objects = Vec::new();
     let mut room = MOST_ENTRIES;
@@ -53,7 +56,7 @@ pub(super) fn read(parts: &[Part<'_>]) -> Result<Vec<PlainObject>, EsiError> {
             .map(|kind| (kind.text_of("Name"), kind))
             .collect();
         for element in own.all("Objects").flat_map(|all| all.all("Object")) {
-            let object = object(&element, &types, part)?;
+            let object = object(&element, &types, part, warnings)?;
             room = room
                 .checked_sub(object.entries.len())
                 .ok_or_else(|| element.error(format!("more than {MOST_ENTRIES} entries")))?;
@@ -67,6 +70,7 @@ fn object(
     element: &Element<'_>,
     types: &BTreeMap<&str, Element<'_>>,
     part: &Part<'_>,
+    warnings: &mut Vec<String>,
 ) -> Result<PlainObject, EsiError> {
     let read_only = Flags {
         readable: true,
@@ -95,7 +99,7 @@ fn object(
         let bits = element.number_of("BitSize")?.unwrap_or(0);
         let info = element.at(&["Info"]);
         let mut entry = entry(0, &object.name, type_name, bits, flags, element)?;
-        entry.default = default(info.as_ref(), &entry)?;
+        entry.default = default(info.as_ref(), &entry, warnings)?;
         object.entries.push(entry);
         return Ok(object);
     }
@@ -129,7 +133,7 @@ fn object(
     // One for each subindex, in their order.
     for (place, entry) in object.entries.iter_mut().enumerate() {
         let info = defaults.get(place).and_then(|item| item.at(&["Info"]));
-        entry.default = default(info.as_ref(), entry)?;
+        entry.default = default(info.as_ref(), entry, warnings)?;
     }
     let last = object.entries.iter().map(|entry| entry.subindex).max();
     let count = object.entries.iter_mut().find(|entry| entry.subindex == 0);
@@ -157,7 +161,7 @@ fn entry(
         name: name.to_owned(),
         data_type: number_of_type(kind),
         bytes: bits.div_ceil(8) as usize,
-        varies: kind.starts_with("STRING"),
+        varies: kind.contains("STRING"),
         default: None,
         readable: flags.readable,
         writable: flags.writable,
@@ -166,26 +170,45 @@ fn entry(
     })
 }
 
-/// The value at power-up: bytes in hexadecimal digits, a number, or a text.
-fn default(info: Option<&Element<'_>>, entry: &PlainEntry) -> Result<Option<Vec<u8>>, EsiError> {
+/// The value at power-up: bytes in hexadecimal digits, a number, or a text. As devices take it: a short one is filled with 0, and of a long
+/// one, or of none that is understood, a warning says what is held.
+fn default(
+    info: Option<&Element<'_>>,
+    entry: &PlainEntry,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Vec<u8>>, EsiError> {
     let Some(info) = info else {
         return Ok(None);
     };
-    let (element, value) = if let Some(element) = info.at(&["DefaultData"]) {
-        (element, hexadecimal(element.text()))
+    let quoted = |element: &Element<'_>| -> String { element.text().chars().take(40).collect() };
+    let (element, mut value) = if let Some(element) = info.at(&["DefaultData"]) {
+        let digits = hexadecimal(element.text());
+        let wrong = || element.error(format!("{:?} is no value", quoted(&element)));
+        let value = digits.ok_or_else(wrong)?;
+        (element, value)
     } else if let Some(element) = info.at(&["DefaultString"]) {
-        (element, Some(element.text().as_bytes().to_vec()))
+        (element, element.text().as_bytes().to_vec())
     } else if let Some(element) = info.at(&["DefaultValue"]) {
-        (element, number(element.text(), entry.bytes))
+        let value = number(element.text(), entry.bytes);
+        (element, value.unwrap_or_default())
     } else {
         return Ok(None);
     };
-    let fits =
-        |value: &Vec<u8>| value.len() == entry.bytes || entry.varies && value.len() <= entry.bytes;
-    value.filter(fits).map(Some).ok_or_else(|| {
-        let text: String = element.text().chars().take(40).collect();
-        element.error(format!("{text:?} is no value of {} bytes", entry.bytes))
-    })
+    let is_missing = value.is_empty() && !element.text().is_empty();
+    if is_missing || value.len() > entry.bytes {
+        let why = format!(
+            "{:?} is no value of {} bytes",
+            quoted(&element),
+            entry.bytes
+        );
+        value.truncate(entry.bytes);
+        let held = if is_missing { "0" } else { "its beginning" };
+        warnings.push(element.error(format!("{why}: {held} is taken")).to_string());
+    }
+    if !entry.varies {
+        value.resize(entry.bytes, 0);
+    }
+    Ok(Some(value))
 }
 
 fn hexadecimal(text: &str) -> Option<Vec<u8>> {
@@ -200,18 +223,19 @@ fn hexadecimal(text: &str) -> Option<Vec<u8>> {
         .then(|| pairs.iter().map(|[high, low]| high << 4 | low).collect())
 }
 
-/// A number in as many bytes, little-endian.
+/// A number in as many bytes, little-endian; longer where it needs more.
 fn number(text: &str, bytes: usize) -> Option<Vec<u8>> {
-    let number: i128 = match text.strip_prefix("#x") {
+    let number: i128 = match hexadecimal_digits(text) {
         Some(digits) => i128::from(u64::from_str_radix(digits, 16).ok()?),
         None => text.parse().ok()?,
     };
-    let all = number.to_le_bytes();
-    let (value, rest) = all.split_at_checked(bytes)?;
     let sign = if number < 0 { 0xFF } else { 0 };
-    rest.iter()
-        .all(|byte| *byte == sign)
-        .then(|| value.to_vec())
+    let mut value = number.to_le_bytes().to_vec();
+    while value.len() > bytes && value.last() == Some(&sign) {
+        value.pop();
+    }
+    value.resize(value.len().max(bytes), sign);
+    Some(value)
 }
 
 /// ETG.1000.6, basic data types; 0 for those that the maker has defined.

@@ -96,6 +96,79 @@ fn objects_have_their_types_defaults_and_access() {
 }
 
 #[test]
+fn values_at_power_up_are_taken_as_devices_do_and_what_is_cut_is_said() {
+    let object = |index: u16, kind: &str, bits: u32, value: &str| {
+        format!(
+            "<Object><Index>0x{index:X}</Index><Type>{kind}</Type><BitSize>{bits}</BitSize>\n<Info>{value}</Info></Object>"
+        )
+    };
+    let data = |digits: &str| format!("<DefaultData>{digits}</DefaultData>");
+    let number = |number: &str| format!("<DefaultValue>{number}</DefaultValue>");
+    let objects = [
+        object(0x6502, "UINT", 16, &data("2100")),
+        object(0x2000, "UDINT", 32, &data("34")),
+        object(0x2001, "UINT", 16, &data("341256")),
+        object(0x2002, "USINT", 8, &number("0x1FF")),
+        object(0x2003, "DINT", 32, &number("-2")),
+        object(0x2004, "REAL", 32, &number("1.5")),
+        object(0x2005, "ARRAY [0..511] OF BYTE", 4096, &data("0102")),
+        object(0x2006, "OCTET_STRING(512)", 4096, &data("0102")),
+        object(
+            0x2007,
+            "STRING(2)",
+            16,
+            "<DefaultString>abc</DefaultString>",
+        ),
+        object(0x6040, "UINT", 16, ""),
+    ];
+    let text = file(&format!(
+        "{MAILBOX}<Profile><Dictionary><Objects>{}</Objects></Dictionary></Profile>",
+        objects.concat()
+    ));
+    let drive = EsiDrive::from_bytes("d.xml", text.as_bytes()).unwrap();
+    assert_eq!(
+        drive.warnings(),
+        [
+            "d.xml:7: \"341256\" is no value of 2 bytes: its beginning is taken",
+            "d.xml:8: \"0x1FF\" is no value of 1 bytes: its beginning is taken",
+            "d.xml:10: \"1.5\" is no value of 4 bytes: 0 is taken",
+            "d.xml:13: \"abc\" is no value of 2 bytes: its beginning is taken",
+        ]
+    );
+    let mut device = drive.build();
+    let mut array = vec![0; 512];
+    array[..2].copy_from_slice(&[1, 2]);
+    for (index, expected) in [
+        (0x6502, vec![0x21, 0, 0, 0]),
+        (0x2000, vec![0x34, 0, 0, 0]),
+        (0x2001, vec![0x34, 0x12]),
+        (0x2002, vec![0xFF]),
+        (0x2003, vec![0xFE, 0xFF, 0xFF, 0xFF]),
+        (0x2004, vec![0; 4]),
+        (0x2005, array),
+        (0x2006, vec![1, 2]),
+        (0x2007, b"ab".to_vec()),
+    ] {
+        assert_eq!(device.read_object(index, 0), Ok(expected), "{index:04X}h");
+    }
+}
+
+#[test]
+fn sync_managers_without_a_name_are_told_by_their_number() {
+    let named = "<Sm>MBoxOut</Sm><Sm>MBoxIn</Sm><Sm>outputs</Sm><Sm>Inputs</Sm>";
+    let uses = |text: &str| {
+        let drive = EsiDrive::from_bytes("d.xml", file(text).as_bytes()).unwrap();
+        let managers = drive.description.sync_managers.into_iter();
+        managers.map(|one| one.purpose).collect::<Vec<_>>()
+    };
+    assert_eq!(
+        uses("<Sm>0</Sm><Sm>1</Sm><Sm>2</Sm><Sm>3</Sm>"),
+        uses(named)
+    );
+    assert_eq!(uses("<Sm/><Sm/><Sm/><Sm/>"), uses(named));
+}
+
+#[test]
 fn errors_name_file_and_line() {
     for (text, expected) in [
         (
@@ -109,9 +182,9 @@ fn errors_name_file_and_line() {
         ),
         (
             file(&format!(
-                "{MAILBOX}<Profile><Dictionary><Objects><Object><Index>1</Index><BitSize>16</BitSize>\n<Info><DefaultData>123456</DefaultData></Info></Object></Objects></Dictionary></Profile>"
+                "{MAILBOX}<Profile><Dictionary><Objects><Object><Index>1</Index><BitSize>16</BitSize>\n<Info><DefaultData>12345</DefaultData></Info></Object></Objects></Dictionary></Profile>"
             )),
-            "d.xml:5: \"123456\" is no value of 2 bytes",
+            "d.xml:5: \"12345\" is no value",
         ),
         (
             file(&format!(

@@ -82,6 +82,12 @@ pub(super) fn parse<'a>(file: &str, text: &'a str) -> Result<Document<'a>, EsiEr
     })
 }
 
+/// What follows `#x`, or `0x` as some makers write it.
+pub(super) fn hexadecimal_digits(text: &str) -> Option<&str> {
+    let prefixes = ["#x", "#X", "0x", "0X"];
+    prefixes.iter().find_map(|prefix| text.strip_prefix(prefix))
+}
+
 /// An element and its file.
 #[derive(Clone, Copy)]
 pub(super) struct Element<'a> {
@@ -161,7 +167,7 @@ impl<'a> Element<'a> {
     }
 
     fn parsed<T: TryFrom<u32>>(&self, text: &str) -> Result<T, EsiError> {
-        let number = match text.strip_prefix("#x").or_else(|| text.strip_prefix("#X")) {
+        let number = match hexadecimal_digits(text) {
             Some(digits) => u32::from_str_radix(digits, 16),
             None => text.parse(),
         };

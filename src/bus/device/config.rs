@@ -92,7 +92,7 @@ impl DriveConfig {
     /// # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/sim/esi/generic.xml");
     /// let esi = Esi::load(file)?;
     /// // Product code and revision, as a scan shows them.
-    /// let device = esi.device(0x4453_0402, 1).ok_or("the file is of another drive")?;
+    /// let device = esi.device(0x4453_0402, 1)?;
     /// let drive = DriveConfig::from_esi(device)?.axis("x");
     /// let network = Network::builder().drive(0, drive);
     /// # Ok::<(), Box<dyn std::error::Error>>(())

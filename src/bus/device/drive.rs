@@ -15,11 +15,11 @@ use crate::{
         requests::Context,
     },
     coe::{
-        AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, Readable, SdoError,
-        SdoHandle, obj,
+        AxisOffset, DriveError, DriveId, Number, Object, ObjectAddress, ReadOnly, Readable,
+        SdoError, SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
-    pdo_map::{Direction, Layout, Mapping},
+    pdo_map::{self, Direction, Layout, Mapping, MappingError},
     profile_position::{Limits, LimitsRule, MinVelocity, PositionRange, RelativeBase},
     units::{AxisScale, DriveUnits, Ratio, ScaleMismatch},
 };
@@ -87,6 +87,57 @@ enum Reading {
 }
 
 impl Drive {
+    /// Why a drive has no mapping. Where no PDO holds a target position, with what the drive has instead.
+    pub async fn not_mapped(
+        config: &DriveConfig,
+        error: MappingError,
+        sdo: Option<&SdoHandle>,
+    ) -> DriveFault {
+        let MappingError::NotOffered { object, .. } = &error else {
+            return error.into();
+        };
+        let axes = config.axes.iter().zip(&config.description.axes);
+        let target = |offset: AxisOffset| obj::TARGET_POSITION.offset(offset).address();
+        let mut of_axes = axes.filter(|(_, description)| target(description.offset) == *object);
+        let (Some((axis, description)), Some(sdo)) = (of_axes.next(), sdo) else {
+            return error.into();
+        };
+        let modes = sdo
+            .read(obj::SUPPORTED_MODES.offset(description.offset))
+            .await;
+        DriveFault::NoTargetPosition {
+            axis: axis.name.clone(),
+            object: *object,
+            modes: SupportedModes::from_bits_retain(modes.unwrap_or(0)),
+        }
+    }
+
+    /// In PREOP: brings its mapping into it. Where it has less room than its description says, what is needed most is mapped. If not even
+    /// that has room, its first refusal is the reason.
+    pub async fn map(&mut self, id: &DriveId, sdo: &SdoHandle) -> Result<(), StepError> {
+        let step = BringUpStep::Mapping;
+        let mut refused = None;
+        loop {
+            let error = match pdo_map::configure(&self.mapping, sdo).await {
+                Ok(layout) => {
+                    self.layout = layout;
+                    return Ok(());
+                }
+                Err(error) => error,
+            };
+            if !self.config.description.limits.learn_from(&error) {
+                return Err(error).at(step);
+            }
+            let first = refused.take().unwrap_or(error);
+            let Ok(mapping) = self.config.mapping() else {
+                return Err(first).at(step);
+            };
+            refused = Some(first);
+            self.config.log_what_is_not_mapped(&mapping.layout(), id);
+            self.mapping = mapping;
+        }
+    }
+
     /// In PREOP: its axes as the program declares them, with what the outputs will overwrite. That is all that cycles need in which no
     /// axis is enabled. After an earlier start the outputs bring again what the drive held then: the axes keep it.
     pub(super) async fn open_axes(&mut self, sdo: &SdoHandle) -> Result<(), StepError> {
@@ -297,6 +348,14 @@ impl Drive {
             .await?;
         if let Some(modes) = due.read_if_it_can_be(obj::SUPPORTED_MODES).await? {
             config.supported_modes = modes.map(SupportedModes::from_bits_retain);
+            if let Some(modes) = config.supported_modes
+                && !modes.allows(config.mode)
+                && config.fields.target_velocity.is_none()
+            {
+                let axis = axis.name.clone();
+                return Err(DriveFault::NoProfilePosition { axis, modes })
+                    .at(BringUpStep::Parameters);
+            }
         }
         // What is kept of an earlier start is what the drive said then.
         let said = self.config.description.traits.relative_base;

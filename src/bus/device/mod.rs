@@ -82,7 +82,8 @@ pub(in crate::bus) enum DeviceKind {
 
 impl Device {
     /// A declared drive, if its mapping can be made.
-    pub fn drive(
+    pub async fn drive(
+        context: &Context,
         found: Found,
         place: DevicePlace,
         config: DriveConfig,
@@ -90,7 +91,15 @@ impl Device {
         clocks: Option<Rc<Clocks>>,
         progress: Rc<Progress>,
     ) -> Result<Self, NetworkError> {
-        let mapping = config.mapping().at(BringUpStep::Mapping).of(&found.id)?;
+        let mapping = match config.mapping() {
+            Ok(mapping) => mapping,
+            Err(error) => {
+                let sdo = serve_mailbox(context, &found, ErrorTexts::default());
+                let sdo = sdo.map(|mailbox| mailbox.sdo);
+                let fault = Drive::not_mapped(&config, error, sdo.as_ref()).await;
+                return Err(fault).at(BringUpStep::Mapping).of(&found.id);
+            }
+        };
         let layout = mapping.layout();
         config.log_what_is_not_mapped(&layout, &found.id);
         let start_up = config.start_up.clone();
@@ -323,9 +332,7 @@ impl Device {
         drive.write_scales(&sdo).await?;
         values.write(&sdo).await.at(step)?;
         done(step);
-        drive.layout = pdo_map::configure(&drive.mapping, &sdo)
-            .await
-            .at(BringUpStep::Mapping)?;
+        drive.map(&self.found.id, &sdo).await?;
         check_lists(&self.start_up, |object| is_output(&drive.layout, object))?;
         done(BringUpStep::Mapping);
         drive.open_axes(&sdo).await

@@ -102,8 +102,8 @@ pub(in crate::bus) async fn configure(
     let mut drives = Vec::new();
     for ((place, config), found) in plan.drives.into_iter().zip(found.by_ref()) {
         let (clocks, progress) = (clocks.clone(), Rc::clone(progress));
-        let drive = Device::drive(found, place, config, times, clocks, progress)?;
-        drives.push(drive);
+        let drive = Device::drive(context, found, place, config, times, clocks, progress);
+        drives.push(drive.await?);
     }
     let mut sizes: Vec<_> = drives.iter().map(Device::sizes).collect();
     for (drive, logical) in drives.iter_mut().zip(logical_addresses(&sizes)) {

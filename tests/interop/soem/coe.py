@@ -124,9 +124,9 @@ def object_list(bench):
         try:
             objects = bench.slave.od
         except pysoem.SdoInfoError:
-            # Service not supported.
-            expect("the mailbox error", mailbox_errors(bench), {4})
-            return "not offered, refused with mailbox error 4"
+            # SOEM has expected another message than an SDO abort.
+            expect("what SOEM has kept", kept_errors(bench), {("PacketError", 1)})
+            return "not offered, refused by an SDO abort"
         raise AssertionError(f"an object list with {len(objects)} entries was not expected")
     objects = {entry.index: entry for entry in bench.slave.od}
     expect("the mandatory objects", {0x1000, 0x1018, 0x1C12, 0x1C13} - objects.keys(), set())
@@ -169,14 +169,14 @@ def dictionary(bench, objects):
     return len(entries)
 
 
-def mailbox_errors(bench):
-    """The error mails that SOEM has kept: its wrapper raises one with each call, whether that call went well or not."""
+def kept_errors(bench):
+    """The errors that SOEM has kept: its wrapper raises one with each call, whether that call went well or not."""
     errors = set()
     for _ in range(100):
         try:
             bench.slave.sdo_read(0x1000, 0)
-        except pysoem.MailboxError as error:
-            errors.add(error.error_code)
+        except (pysoem.MailboxError, pysoem.PacketError) as error:
+            errors.add((type(error).__name__, error.error_code))
         else:
             return errors
     raise AssertionError("error mails without end")

@@ -320,17 +320,13 @@ async fn before(
     if let Some(file) = machine.esi_of(expected) {
         let esi = Esi::load(&file)?;
         match esi.device(expected.product, expected.revision) {
-            None => page.wrong(
+            Err(error) => page.wrong(
                 &what,
                 "ESI file",
                 "another device's",
-                format!(
-                    "{} does not describe product code {:08X}h",
-                    file.display(),
-                    expected.product
-                ),
+                format!("{}: {error}", file.display()),
             ),
-            Some(device) => {
+            Ok(device) => {
                 let differences = device.compare(sdo).await?;
                 match differences.is_empty() {
                     true => page.good(&what, "ESI file", "agrees with the drive"),

@@ -61,7 +61,9 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     }
     let mut files = Vec::new();
     for file in &arguments.esi {
-        files.push((beside(file, &arguments.file)?, Esi::load(file)?));
+        let esi = Esi::load(file)?;
+        esi.warnings.iter().for_each(|warning| tool.note(warning));
+        files.push((beside(file, &arguments.file)?, esi));
     }
     let line = arguments.line.scan(tool).await?;
     let found = tool
@@ -176,13 +178,18 @@ async fn found(
             found.axes = (1..=axes)
                 .map(|axis| Axis::named(axis_name(position, axis)))
                 .collect();
-            let mut described = files
+            let mut described = None;
+            for (file, esi) in files
                 .iter()
                 .filter(|(_, esi)| esi.vendor == identity.vendor)
-                .filter_map(|(file, esi)| {
-                    Some((file, esi.device(identity.product, identity.revision)?))
-                });
-            match (described.next(), Kind::of(&identity)) {
+            {
+                match esi.device(identity.product, identity.revision) {
+                    Ok(drive) => described = described.or(Some((file, drive))),
+                    Err(error) if error.skipped.is_some() => return Err(error.into()),
+                    Err(_) => {}
+                }
+            }
+            match (described, Kind::of(&identity)) {
                 (Some((file, drive)), _) => {
                     // What cannot be used, or executed, is said here.
                     DriveConfig::from_esi(drive)?;

@@ -271,14 +271,9 @@ impl Machine {
                 let file = self.esi_of(device).ok_or("kind = \"esi\" without a file")?;
                 let esi = Esi::load(&file)?;
                 let found = esi.device(device.product, device.revision);
-                let found = found.ok_or_else(|| {
-                    format!(
-                        "{}: there is no device with product code {:08X}h in it",
-                        file.display(),
-                        device.product
-                    )
-                })?;
-                let mut found = found.clone();
+                let mut found = found
+                    .map_err(|error| format!("{}: {error}", file.display()))?
+                    .clone();
                 found.vendor = device.vendor;
                 return Ok(DriveConfig::from_esi(&found)?);
             }

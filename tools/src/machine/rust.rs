@@ -84,8 +84,7 @@ fn described(device: &Device) -> String {
                 .as_ref()
                 .map(|file| file.to_string_lossy().into_owned());
             return format!(
-                "servocrab::DriveConfig::from_esi(servocrab::esi::Esi::load({:?})?\n            .device(0x{:08X}, 0x{:08X})\n            \
-                 .ok_or(\"the ESI file has no such device\")?)?",
+                "servocrab::DriveConfig::from_esi(servocrab::esi::Esi::load({:?})?\n            .device(0x{:08X}, 0x{:08X})?)?",
                 file.unwrap_or_default(),
                 device.product,
                 device.revision

@@ -9,7 +9,6 @@ use std::{path::PathBuf, time::Duration};
 
 use clap::Args;
 use servocrab::{
-    DriveConfig,
     bus::{DistributedClock, LineDevice, NetworkBuilder, RealTime, Scheduling},
     coe::obj,
     drives::{self, DriveDescription},
@@ -18,7 +17,7 @@ use servocrab::{
 use picture::Picture;
 
 use crate::{
-    axes::axis_name,
+    axes::{DescribedBy, axis_name},
     line::LineArguments,
     machine::{init::absent, without},
     output::{Done, Failure, Tool},
@@ -32,6 +31,8 @@ const SYNC0: u16 = 0x0300;
 pub(crate) struct Arguments {
     #[command(flatten)]
     line: LineArguments,
+    #[command(flatten)]
+    described: DescribedBy,
     /// Time from one cycle to the next, in microseconds.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=20_000))]
     cycle_us: u32,
@@ -39,8 +40,8 @@ pub(crate) struct Arguments {
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     seconds: u32,
     /// Synchronise the drives that have a distributed clock by SYNC0. WORD is their assign-activate (registers 0980h and 0981h) in
-    /// hexadecimal; without it, what the EEPROM of each names first, or 0300.
-    #[arg(long, value_name = "WORD", num_args = 0..=1, require_equals = true, value_parser = word)]
+    /// hexadecimal; without it, what the EEPROM of each names first, or 0300. With --machine the file says which.
+    #[arg(long, value_name = "WORD", num_args = 0..=1, require_equals = true, value_parser = word, conflicts_with = "machine")]
     clocks: Option<Option<u16>>,
     /// Run the bus thread as SCHED_FIFO with this priority, and lock the memory.
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=99))]
@@ -57,7 +58,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let builder = builder(tool, arguments).await?;
     // Before the measurement, and not behind it: its time would be lost where nothing can be written.
     let picture = arguments.svg.as_deref().map(Picture::create).transpose()?;
-    let start = async { Ok(builder.start().await?) };
+    let start = arguments.described.start(builder);
     let net = tool.unless_interrupted(start).await?;
     let time = Duration::from_secs(arguments.seconds.into());
     let report = measure::measure(tool, &net, time, cycle(arguments)).await;
@@ -95,12 +96,18 @@ async fn builder(tool: &Tool, arguments: &Arguments) -> Result<NetworkBuilder, F
         .network()?
         .cycle(cycle(arguments))
         .real_time(real_time);
+    if let Some(machine) = arguments.described.machine()? {
+        return Ok(machine.on(builder)?.cycle(cycle(arguments)));
+    }
+    let file = arguments.described.file(tool)?;
     let line = arguments.line.scan(tool).await?;
     let (mut found, mut clocks) = (0, 0);
     for device in line.devices() {
-        if let Some(description) = description_of(device).await {
+        if let Some((mut drive, axes)) = file.drive(device).await? {
             let position = device.id.position;
-            let mut drive = named(description, position);
+            for axis in 1..=axes {
+                drive = drive.axis(axis_name(position, axis));
+            }
             if let Some(word) = arguments.clocks
                 && let Some(clock) = clock_of(device, word)
             {
@@ -112,6 +119,7 @@ async fn builder(tool: &Tool, arguments: &Arguments) -> Result<NetworkBuilder, F
         }
     }
     line.close().await;
+    file.is_used()?;
     if found == 0 {
         return Err("no drive was found on the line".into());
     }
@@ -146,14 +154,6 @@ pub(crate) async fn description_of(device: &LineDevice) -> Option<DriveDescripti
     }
     // Of the profile's objects a drive need not have all.
     Some(without(drives::generic(), &absent(sdo).await))
-}
-
-/// A drive with names for its axes.
-fn named(description: DriveDescription, position: u16) -> DriveConfig {
-    let axes = description.axes.len();
-    (1..=axes).fold(DriveConfig::new(description), |drive, axis| {
-        drive.axis(axis_name(position, axis))
-    })
 }
 
 #[cfg(test)]

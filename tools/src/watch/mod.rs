@@ -114,7 +114,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     }
     let drives = &arguments.drives;
     let builder = drives.network(all_drives(tool, drives).await?)?;
-    let start = async { Ok(builder.start().await?) };
+    let start = drives.described.start(builder);
     let net = tool.unless_interrupted(start).await?;
     let shown = async {
         let mut recorder = net.recorder(watched.signals.iter().cloned())?;

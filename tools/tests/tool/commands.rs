@@ -905,12 +905,11 @@ fn a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file() {
     std::fs::write(&first, other).unwrap();
     let refused = servocrab(&format!("sim {first} --interface slave0 --for 1"));
     assert_eq!(refused.code, Some(2));
+    let errors = refused.errors;
     assert!(
-        refused
-            .errors
-            .contains("device 0 \"AKD2G\": the device that"),
-        "{}",
-        refused.errors
+        errors.contains("device 0 \"AKD2G\": ")
+            && errors.contains("there is no device of product 00000001h"),
+        "{errors}"
     );
 }
 
@@ -1152,4 +1151,76 @@ fn a_machine_s_file_is_replaced_as_a_whole_and_not_written_over() {
     let text = |file: &Path| std::fs::read_to_string(file).unwrap();
     assert_eq!(text(&kept), "cycle_us = 2000\n");
     assert!(text(&file).contains("kind = \"generic\""));
+}
+
+/// Its PDOs hold what it wants, and cannot be filled.
+#[test]
+fn a_drive_that_the_profiles_objects_do_not_fit_is_moved_and_measured_by_its_makers_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let [esi, other, machine] =
+        ["drive.xml", "other.xml", "machine.toml"].map(|name| directory.path().join(name));
+    let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/esi/generic.xml");
+    let sample = std::fs::read_to_string(sample).unwrap();
+    let fixed = sample
+        .replace("Pdo Fixed=\"0\"", "Pdo Fixed=\"1\"")
+        .replace("PdoConfig=\"1\"", "")
+        .lines()
+        .filter(|line| !line.contains("<Entry><Index>#x6084"))
+        .map(|line| line.to_owned() + "\n")
+        .collect::<String>()
+        .replace(">#x607A</Index><SubIndex>0", ">0x607A</Index><SubIndex>0");
+    std::fs::write(&esi, &fixed).unwrap();
+    std::fs::write(&other, fixed.replace("#x44530402", "#x7")).unwrap();
+    let (esi, other, machine) = (esi.display(), other.display(), machine.display());
+    let moved = |by: &str| {
+        servocrab(&format!(
+            "move --sim {esi} {by} --by 500 --velocity 5000 --yes"
+        ))
+    };
+    let without = servocrab(&format!("report --sim {esi} --seconds 1"));
+    assert_eq!(without.code, Some(2), "{}", without.output);
+    assert!(
+        without
+            .errors
+            .contains("describe the drive by its maker's file, --esi FILE"),
+        "{}",
+        without.errors
+    );
+    for by in [
+        format!("--esi {esi}"),
+        format!("--esi {other}:7"),
+        format!("--esi {esi}:44530402h:1"),
+    ] {
+        let moved = moved(&by);
+        assert_eq!(moved.code, Some(0), "{by}: {}", moved.errors);
+        assert!(
+            moved.errors.contains("`0x607A` is no number"),
+            "{}",
+            moved.errors
+        );
+    }
+    let absent = moved(&format!("--esi {other}"));
+    assert!(
+        absent.errors.contains("describes no device of this line"),
+        "{}",
+        absent.errors
+    );
+    let absent = moved(&format!("--esi {esi}:9"));
+    assert!(
+        absent
+            .errors
+            .contains("no device with product code 00000009h"),
+        "{}",
+        absent.errors
+    );
+    with_code(0, &format!("init --sim {esi} --esi {esi} {machine}"));
+    assert_eq!(moved(&format!("--machine {machine}")).code, Some(0));
+    with_code(0, &format!("report --sim {esi} --esi {esi} --seconds 1"));
+    with_code(
+        0,
+        &format!("report --sim {esi} --machine {machine} --seconds 1"),
+    );
+    with_code(0, &format!("check --sim {esi} {machine} --seconds 1"));
+    let held = servocrab(&format!("move --sim {esi} --esi {esi} --by 500 --yes"));
+    assert_eq!(held.code, Some(0), "{}", held.errors);
 }

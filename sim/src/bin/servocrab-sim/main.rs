@@ -110,9 +110,15 @@ fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>
         }
         let mut device = match one {
             OnLine::Kind(kind) => build(kind, &arguments.machine, arguments.mailbox_bytes),
-            OnLine::Esi(choice) => EsiDrive::choose(choice)?
-                .change(|behaviour| behaviour.machine = arguments.machine.machine())
-                .build(),
+            OnLine::Esi(choice) => {
+                let drive = EsiDrive::choose(choice)?;
+                for warning in drive.warnings() {
+                    eprintln!("{warning}");
+                }
+                drive
+                    .change(|behaviour| behaviour.machine = arguments.machine.machine())
+                    .build()
+            }
         };
         device.set_sii_delay(Duration::from_millis(arguments.sii_ms));
         device.set_mailbox_delay(Duration::from_millis(arguments.mailbox_ms));
