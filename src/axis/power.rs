@@ -171,8 +171,13 @@ impl Power {
                 let id = *id;
                 if state == State::OperationEnabled && *was_down && step.sends_enable() {
                     if step.delivered {
-                        *self = Self::Enabled;
-                        return PowerStep::Done(id, Ok(Completion::Done));
+                        let (next, result) = match step.brake.released() {
+                            None => return PowerStep::Nothing,
+                            Some(Ok(())) => (Self::Enabled, Ok(Completion::Done)),
+                            Some(Err(failure)) => (Self::Off, Err(failure)),
+                        };
+                        *self = next;
+                        return PowerStep::Done(id, result);
                     }
                 } else if state == State::OperationEnabled {
                     // Somebody else has enabled it: it may hold a set-point.
