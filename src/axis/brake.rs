@@ -11,7 +11,7 @@ use crate::{
     timer::{Due, Elapsed, Timer},
 };
 
-use super::machines::Step;
+use super::{machines::Step, power::Power};
 
 /// What holds the axis where it has no power.
 ///
@@ -120,8 +120,10 @@ impl From<OutputBrake> for Brake {
 /// How far a brake is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum BrakeStage {
-    /// There is none that the host opens.
-    NotOurs,
+    /// There is none.
+    NotThere,
+    /// The drive opens and closes it.
+    Managed,
     /// It is closed.
     Set,
     /// It opens.
@@ -158,25 +160,25 @@ impl HoldingBrake {
             Some(Brake::Output(brake)) => BrakeStage::Setting {
                 left: Timer::new(brake.set),
             },
-            Some(Brake::DriveManaged) | None => BrakeStage::NotOurs,
+            Some(Brake::DriveManaged) => BrakeStage::Managed,
+            None => BrakeStage::NotThere,
         };
         let held_at = HeldAt::Unknown;
         Self { stage, held_at }
     }
 
     /// One cycle with inputs. Where the axis stood, if it has just slipped from there.
-    pub fn update(&mut self, step: &Step<'_>) -> Option<i32> {
+    pub fn update(&mut self, step: &Step<'_>, released: Option<bool>) -> Option<i32> {
         match &step.config.brake {
             None => return None,
             Some(Brake::DriveManaged) => {}
-            Some(Brake::Output(brake)) => self.move_on(brake, step),
+            Some(Brake::Output(brake)) => self.move_on(brake, step, released),
         }
         self.watch(step)
     }
 
-    fn move_on(&mut self, brake: &OutputBrake, step: &Step<'_>) {
+    fn move_on(&mut self, brake: &OutputBrake, step: &Step<'_>, released: Option<bool>) {
         let leads_up = step.power.leads_up();
-        let released = step.brake_shown;
         let is_enabled = leads_up && step.is_enabled_by_us();
         let may_close = step.stands() || !step.state.holds_axis() || step.guard.has_given_up();
         let must_close = !leads_up && may_close;
@@ -213,7 +215,7 @@ impl HoldingBrake {
     fn watch(&mut self, step: &Step<'_>) -> Option<i32> {
         let (stands, position) = (step.stands(), step.position());
         let is_powered = step.state.holds_axis();
-        let is_closed = matches!(self.stage, BrakeStage::Set | BrakeStage::NotOurs);
+        let is_closed = matches!(self.stage, BrakeStage::Set | BrakeStage::Managed);
         match self.held_at {
             _ if is_powered && stands => self.held_at = HeldAt::Here(position),
             _ if step.power.leads_up() && !stands => self.held_at = HeldAt::Unknown,
@@ -229,10 +231,14 @@ impl HoldingBrake {
         None
     }
 
+    pub const fn is_there(&self) -> bool {
+        !matches!(self.stage, BrakeStage::NotThere)
+    }
+
     /// What its output is to be; none where the host has none.
     pub const fn is_set(&self) -> Option<bool> {
         match self.stage {
-            BrakeStage::NotOurs => None,
+            BrakeStage::NotThere | BrakeStage::Managed => None,
             BrakeStage::Set | BrakeStage::Setting { .. } => Some(true),
             BrakeStage::Releasing { .. } | BrakeStage::NotReleased | BrakeStage::Released => {
                 Some(false)
@@ -242,13 +248,19 @@ impl HoldingBrake {
 
     /// Whether the axis must keep its power: its brake does not hold it yet.
     pub const fn needs_power(&self) -> bool {
-        !matches!(self.stage, BrakeStage::NotOurs | BrakeStage::Set)
+        matches!(
+            self.stage,
+            BrakeStage::Releasing { .. }
+                | BrakeStage::NotReleased
+                | BrakeStage::Released
+                | BrakeStage::Setting { .. }
+        )
     }
 
     /// Whether an enabled axis may be moved; none while its brake opens.
     pub const fn released(&self) -> Option<Result<(), Failure>> {
         match self.stage {
-            BrakeStage::NotOurs | BrakeStage::Released => Some(Ok(())),
+            BrakeStage::NotThere | BrakeStage::Managed | BrakeStage::Released => Some(Ok(())),
             BrakeStage::NotReleased => Some(Err(Failure::BrakeNotReleased)),
             BrakeStage::Set | BrakeStage::Setting { .. } | BrakeStage::Releasing { .. } => None,
         }
@@ -259,14 +271,12 @@ impl HoldingBrake {
         matches!(self.held_at, HeldAt::Slipped)
     }
 
-    /// `leads_up`: the axis is led to Operation enabled, or stays there.
-    pub fn due(&self, leads_up: bool) -> Due {
-        let waits = match self.stage {
-            BrakeStage::NotOurs | BrakeStage::Set => false,
+    pub const fn due(&self, power: &Power) -> Due {
+        Due::next_if(match self.stage {
+            BrakeStage::NotThere | BrakeStage::Managed | BrakeStage::Set => false,
             BrakeStage::Releasing { .. } | BrakeStage::Setting { .. } => true,
-            BrakeStage::Released | BrakeStage::NotReleased => !leads_up,
-        };
-        Due::next_if(waits)
+            BrakeStage::Released | BrakeStage::NotReleased => !power.leads_up(),
+        })
     }
 }
 

@@ -221,6 +221,9 @@ impl AxisCore {
     /// Whether the brake is released, by its feedback in these inputs.
     #[inline]
     fn brake_shown(&self, inputs: &Inputs<'_>) -> Option<bool> {
+        if !self.machines.brake.is_there() {
+            return None;
+        }
         let config = &self.known.config.0;
         match (&config.brake, inputs) {
             (Some(Brake::Output(brake)), Inputs::Fresh(bytes) | Inputs::Answered(bytes)) => {
@@ -240,9 +243,8 @@ impl AxisCore {
             self.known
                 .observed
                 .note_unrest(now, waits, &self.known.bounds.0);
-            let mut step = self.known.step(&self.machines, now, elapsed);
-            step.brake_shown = beside.brake;
-            self.machines.step(step);
+            let step = self.known.step(&self.machines, now, elapsed);
+            self.machines.step(step, beside.brake);
             if let Some(torque) = beside.torque {
                 let step = self.known.step(&self.machines, now, elapsed);
                 self.machines.step_contact(&step, torque);

@@ -47,9 +47,6 @@ pub(super) struct Step<'a> {
     /// Two cycles of the drive.
     pub seen: Timer,
     pub guard: PowerGuard,
-    pub brake: HoldingBrake,
-    /// Whether it is open, by its feedback.
-    pub brake_shown: Option<bool>,
     pub power: Power,
     pub config: &'a CoreConfig,
     pub bounds: &'a Bounds,
@@ -80,8 +77,6 @@ impl<'a> Step<'a> {
             sent: machines.outputs.sent,
             seen: Timer::new(config.traits.surely_seen()),
             guard: machines.guard,
-            brake: machines.brake,
-            brake_shown: None,
             power: machines.power,
             config,
             bounds,
@@ -233,8 +228,8 @@ impl Machines {
         }
     }
 
-    /// One cycle with inputs.
-    pub fn step(&mut self, step: Step<'_>) {
+    /// One cycle with inputs. `released`: whether its brake is open, by its feedback.
+    pub fn step(&mut self, step: Step<'_>, released: Option<bool>) {
         let mut step = step;
         let before = core::mem::replace(&mut self.state, step.state);
         self.note_state(&step, before);
@@ -247,7 +242,7 @@ impl Machines {
         let rests = self.rests_for_mode(&step);
         let events = &mut self.events.0;
         self.modes.step_change(&step, rests, events);
-        let stepped = self.power.step(&step);
+        let stepped = self.power.step(&step, &self.brake);
         self.apply_power(&step, stepped);
         step.power = self.power;
         let stepped = self.stopping.step_halt(&step, self.modes.has_motion());
@@ -257,10 +252,10 @@ impl Machines {
         self.apply_stop(&step, stepped);
         self.step_modes(&step);
         self.step_hold();
-        if step.config.brake.is_some() {
+        if self.brake.is_there() {
             self.doubt_rest(&mut step);
             (step.power, step.guard) = (self.power, self.guard);
-            self.step_brake(&step);
+            self.step_brake(&step, released);
         }
         // Of the time until now the axis was halted.
         self.stopping.note_release(&step);
@@ -273,11 +268,14 @@ impl Machines {
         let stops = step.state == State::QuickStopActive && step.state != before;
         let stands_halted = self.stopping.is_quick() && self.stopping.stands_halted(step);
         let stands = step.stands() && !self.modes.has_motion() && !stops;
-        // An axis that loses its power is to stay on its brake.
-        let hangs = step.config.brake.is_some() && before.holds_axis() && !step.state.holds_axis();
-        if (leaves || stops) && !stands && !stands_halted || hangs {
+        if (leaves || stops) && !stands && !stands_halted || self.begins_to_hang(step, before) {
             self.counts_rest_anew = Aside(true);
         }
+    }
+
+    /// Whether an axis that loses its power is to stay on its brake.
+    const fn begins_to_hang(&self, step: &Step<'_>, before: State) -> bool {
+        self.brake.is_there() && before.holds_axis() && !step.state.holds_axis()
     }
 
     /// Where rest is to be counted anew, the axis does not stand.
@@ -299,8 +297,8 @@ impl Machines {
         step.guard = self.guard;
     }
 
-    fn step_brake(&mut self, step: &Step<'_>) {
-        let Some(from) = self.brake.update(step) else {
+    fn step_brake(&mut self, step: &Step<'_>, released: Option<bool>) {
+        let Some(from) = self.brake.update(step, released) else {
             return;
         };
         let failure = Failure::AxisSlipped {
@@ -691,8 +689,7 @@ impl Machines {
             PowerCommand::DisableVoltage
         } else {
             let command = self.power.command(state, lacks_voltage);
-            let is_held = self.brake.needs_power() && self.guard.may_hold();
-            if self.power.leads_down(command) && (is_held || self.guard.holds(stands)) {
+            if self.power.leads_down(command) && (self.guard.holds(stands) || self.keeps_power()) {
                 PowerCommand::QuickStop
             } else {
                 command
@@ -724,12 +721,17 @@ impl Machines {
         self.outputs.next = Outgoing { word, velocity };
     }
 
+    /// Whether the drive holds the axis until its brake does.
+    const fn keeps_power(&self) -> bool {
+        self.brake.needs_power() && self.guard.may_hold()
+    }
+
     /// When a machine has something to do without a word of the drive.
     pub fn due(&self, step_in_mode: bool) -> Due {
         Due::next_if(self.has_unsent())
             .sooner(self.power.due())
             .sooner(self.guard.due())
-            .sooner(self.brake.due(self.power.leads_up()))
+            .sooner(self.brake.due(&self.power))
             .sooner(self.stopping.due())
             .sooner(self.modes.due(step_in_mode))
     }

@@ -246,6 +246,12 @@ impl ErrorUnit {
                 at(actual.into()),
                 at(target.into())
             ),
+            Failure::AxisSlipped { from, to } => write!(
+                f,
+                "the axis has slipped from {} to {} {name} although its brake is closed: make the load safe, then look at the brake and its `set` time",
+                at(from.into()),
+                at(to.into())
+            ),
             Failure::Unknown {
                 doubt,
                 actual,
