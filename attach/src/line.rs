@@ -136,6 +136,7 @@ pub(crate) async fn axes(State(shown): State<Shown>) -> Json<Value> {
             "halted": snapshot.halted,
             "has_set_point": snapshot.has_set_point,
             "referenced": snapshot.referenced,
+            "slipped": snapshot.slipped,
             "trouble": trouble.map(|(kind, text)| json!({"kind": kind, "text": text})),
         })
     });

@@ -145,6 +145,7 @@ fn snapshot(cycle: u64) -> Snapshot {
         halted: false,
         has_set_point: false,
         referenced: false,
+        slipped: false,
     }
 }
 

@@ -1,123 +1,291 @@
-//! Whether a word that leads down may take the axis' power: only from one that stands, or has had the time to.
+//! The brake that holds an axis without power: who opens and closes it, and how far that is.
 //!
-//! As long as the drive may be driving an axis that does not stand, quick stop goes out in place of every word that leads down. In the
-//! states without power both lead to the same.
+//! A brake on an output of the drive is the host's: it is opened once the axis is enabled, and closed before its power goes. Until it is
+//! closed, quick stop goes out in place of every word that leads down; by 605Ah the drive holds the axis in Quick stop active.
 
 use core::time::Duration;
 
 use crate::{
-    ds402::State,
+    Failure,
+    ds402::{DigitalInput, DigitalOutput},
     timer::{Due, Elapsed, Timer},
 };
 
-/// What is known of the drive's power stage.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-enum Stage {
-    /// Nothing yet.
-    Unknown,
-    /// It drives the axis or holds it, or has done so, and the axis has not been seen to stand since. `left`: while it is led down, how
-    /// long quick stop goes out.
-    Driven { left: Option<Timer> },
-    /// The axis has had its time, and was not seen to stand.
-    GivenUp,
-    /// It drives nothing, and the axis does not run on from what it did.
-    Free,
+use super::{machines::Step, power::Power};
+
+/// What holds the axis where it has no power.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::{AxisConfig, axis::{Brake, OutputBrake}, ds402::{DigitalInput, DigitalOutput}};
+///
+/// let lift = AxisConfig::new("lift").vertical().brake(Brake::DriveManaged);
+/// // A brake on output 16 of the drive, which its valve opens by 1; a switch says that it is open.
+/// let (release, set) = (Duration::from_millis(120), Duration::from_millis(60));
+/// let brake = OutputBrake::new(DigitalOutput::Bit(16), release, set)
+///     .released_by_one()
+///     .feedback(DigitalInput::Bit(17));
+/// let table = AxisConfig::new("table").brake(brake);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Brake {
+    /// The drive opens it before it shows Operation enabled, and closes it before it takes the axis' power. Nothing is sent for it.
+    DriveManaged,
+    /// It is opened and closed by an output of the drive, which the host sets.
+    Output(OutputBrake),
 }
 
-/// What brakes the axis before its power goes.
-#[derive(Debug, Clone, Copy, Hash)]
-pub(super) struct Brake {
-    stage: Stage,
-    /// While a state without power is shown, and a word that does not enable the drive is delivered: until that is sure.
-    down: Option<Timer>,
+/// A brake on an output of the drive: bit of 60FEh:1, times and feedback.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct OutputBrake {
+    /// Its output.
+    pub output: DigitalOutput,
+    /// Whether 1 closes it; else 0 does.
+    pub set_by_one: bool,
+    /// How long it takes to open.
+    pub release: Duration,
+    /// How long it takes to close.
+    pub set: Duration,
+    /// An input that shows it, and whether that is 1 while it is open.
+    pub feedback: Option<(DigitalInput, bool)>,
+    /// Whether the drive itself closes it in a fault, and when its process data stop.
+    pub is_set_by_drive: bool,
 }
 
-/// What a cycle shows of it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Shown {
-    pub state: State,
-    pub stands: bool,
-    /// The word sent last enables the drive, or is not known to have been delivered.
-    pub enables: bool,
-    /// The axis is to lose its power.
-    pub leading_down: bool,
-}
-
-impl Brake {
-    pub const fn new() -> Self {
+impl OutputBrake {
+    /// A brake on this output, with how long it takes to open (`release`) and to close (`set`). 1 closes it, as bit 0 of 60FEh:1 does.
+    #[must_use]
+    pub const fn new(output: DigitalOutput, release: Duration, set: Duration) -> Self {
         Self {
-            stage: Stage::Unknown,
-            down: None,
+            output,
+            set_by_one: true,
+            release,
+            set,
+            feedback: None,
+            is_set_by_drive: false,
         }
     }
 
-    /// Takes in one sample. `seen`: how long the drive takes to see a word; `patience`: the axis to come to rest.
-    pub fn update(&mut self, shown: Shown, elapsed: Elapsed, seen: Timer, patience: Duration) {
-        let Shown { state, stands, .. } = shown;
-        let powered = is_powered(state);
-        self.down = match self.down {
-            _ if powered || shown.enables => None,
-            None => Some(seen),
-            Some(mut left) => {
-                left.pass(elapsed);
-                Some(left)
-            }
+    /// Its output opens it by 1 and closes it by 0.
+    #[must_use]
+    pub const fn released_by_one(mut self) -> Self {
+        self.set_by_one = false;
+        self
+    }
+
+    /// An input that is 1 while the brake is open, in 60FDh. Then nothing waits longer than until it shows what it should. If it does not show
+    /// within `release` that the brake is open, `enable()` fails as [`Failure::BrakeNotReleased`](crate::Failure::BrakeNotReleased).
+    #[must_use]
+    pub const fn feedback(mut self, input: DigitalInput) -> Self {
+        self.feedback = Some((input, true));
+        self
+    }
+
+    /// As [`feedback`](Self::feedback), by an input that is 0 while the brake is open.
+    #[must_use]
+    pub const fn inverted_feedback(mut self, input: DigitalInput) -> Self {
+        self.feedback = Some((input, false));
+        self
+    }
+
+    /// The drive itself closes it by this output in a fault, and when its process data stop: its manual says so, and somebody has set it so.
+    /// A [vertical](crate::AxisConfig::vertical) axis needs that, since a host comes too late there.
+    #[must_use]
+    pub const fn set_by_drive(mut self) -> Self {
+        self.is_set_by_drive = true;
+        self
+    }
+
+    /// Its bit of 60FEh:1, and the level that closes it.
+    #[must_use]
+    pub fn bit(&self) -> (u32, bool) {
+        (self.output.mask().unwrap_or(0), self.set_by_one)
+    }
+
+    /// Whether it is open, as its feedback in 60FDh shows it; none without one.
+    #[must_use]
+    pub fn is_released(&self, inputs: u32) -> Option<bool> {
+        let (input, released_by_one) = self.feedback?;
+        Some((inputs & input.mask()? != 0) == released_by_one)
+    }
+}
+
+impl From<OutputBrake> for Brake {
+    fn from(brake: OutputBrake) -> Self {
+        Self::Output(brake)
+    }
+}
+
+/// How far a brake is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum BrakeStage {
+    /// There is none.
+    NotThere,
+    /// The drive opens and closes it.
+    Managed,
+    /// It is closed.
+    Set,
+    /// It opens.
+    Releasing { left: Timer },
+    /// It has had its time, and its feedback does not show that it is open.
+    NotReleased,
+    /// It is open.
+    Released,
+    /// It closes.
+    Setting { left: Timer },
+}
+
+/// Where the axis stands that is to be held without power.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum HeldAt {
+    Unknown,
+    /// Here it stood last.
+    Here(i32),
+    /// It has left the window around the place where it stood, without power.
+    Slipped,
+}
+
+/// The brake of an axis, or that there is none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct HoldingBrake {
+    stage: BrakeStage,
+    held_at: HeldAt,
+}
+
+impl HoldingBrake {
+    /// As its axis begins: the outputs say that it is closed, and it may have been open before.
+    pub fn new(brake: Option<&Brake>) -> Self {
+        let stage = match brake {
+            Some(Brake::Output(brake)) => BrakeStage::Setting {
+                left: Timer::new(brake.set),
+            },
+            Some(Brake::DriveManaged) => BrakeStage::Managed,
+            None => BrakeStage::NotThere,
         };
-        let surely_down = matches!(self.down, Some(left) if left.is_over());
+        let held_at = HeldAt::Unknown;
+        Self { stage, held_at }
+    }
+
+    /// One cycle with inputs. Where the axis stood, if it has just slipped from there.
+    pub fn update(&mut self, step: &Step<'_>, released: Option<bool>) -> Option<i32> {
+        match &step.config.brake {
+            None => return None,
+            Some(Brake::DriveManaged) => {}
+            Some(Brake::Output(brake)) => self.move_on(brake, step, released),
+        }
+        self.watch(step)
+    }
+
+    fn move_on(&mut self, brake: &OutputBrake, step: &Step<'_>, released: Option<bool>) {
+        let leads_up = step.power.leads_up();
+        let is_enabled = leads_up && step.is_enabled_by_us();
+        let may_close = step.stands() || !step.state.holds_axis() || step.guard.has_given_up();
+        let must_close = !leads_up && may_close;
+        let seen = step.config.traits.surely_seen();
+        let timer = |time: Duration| Timer::new(time.saturating_add(seen));
         self.stage = match self.stage {
-            Stage::Unknown | Stage::Free if powered => Stage::Driven { left: None },
-            Stage::Unknown if surely_down => Stage::Free,
-            Stage::Driven { .. } | Stage::GivenUp if surely_down && stands => Stage::Free,
-            Stage::GivenUp if stands || !shown.leading_down => Stage::Driven { left: None },
-            Stage::Driven { .. } if stands || !shown.leading_down => Stage::Driven { left: None },
-            Stage::Driven { left } => {
-                let mut left = left.unwrap_or(Timer::new(patience));
-                left.pass(elapsed);
-                if left.is_over() {
-                    Stage::GivenUp
-                } else {
-                    Stage::Driven { left: Some(left) }
+            BrakeStage::Set | BrakeStage::Setting { .. } if is_enabled => BrakeStage::Releasing {
+                left: timer(brake.release),
+            },
+            BrakeStage::Releasing { .. } | BrakeStage::NotReleased | BrakeStage::Released
+                if must_close =>
+            {
+                BrakeStage::Setting {
+                    left: timer(brake.set),
                 }
             }
+            BrakeStage::Releasing { .. } if released == Some(true) => BrakeStage::Released,
+            BrakeStage::Releasing { left } => match after(left, step) {
+                Some(left) => BrakeStage::Releasing { left },
+                None if brake.feedback.is_some() => BrakeStage::NotReleased,
+                None => BrakeStage::Released,
+            },
+            BrakeStage::Setting { .. } if released == Some(false) => BrakeStage::Set,
+            BrakeStage::Setting { left } => match after(left, step) {
+                Some(left) => BrakeStage::Setting { left },
+                None => BrakeStage::Set,
+            },
             stage => stage,
         };
     }
 
-    /// The axis has had its time, whatever is known of the drive.
-    pub const fn give_up(&mut self) {
-        self.stage = Stage::GivenUp;
+    /// Whether an axis that stood slips where its brake is closed and its power gone. What its drive shows of its power may be two cycles
+    /// late: only an axis that is led to move has left its place by that.
+    fn watch(&mut self, step: &Step<'_>) -> Option<i32> {
+        let (stands, position) = (step.stands(), step.position());
+        let is_powered = step.state.holds_axis();
+        let is_closed = matches!(self.stage, BrakeStage::Set | BrakeStage::Managed);
+        match self.held_at {
+            _ if is_powered && stands => self.held_at = HeldAt::Here(position),
+            _ if step.power.leads_up() && !stands => self.held_at = HeldAt::Unknown,
+            HeldAt::Unknown if stands => self.held_at = HeldAt::Here(position),
+            HeldAt::Here(from)
+                if is_closed && !is_powered && !step.bounds.is_within_window(from, position) =>
+            {
+                self.held_at = HeldAt::Slipped;
+                return Some(from);
+            }
+            _ => {}
+        }
+        None
     }
 
-    /// Whether quick stop goes out in place of a word that leads down.
-    pub const fn holds(&self, stands: bool) -> bool {
-        !stands && matches!(self.stage, Stage::Unknown | Stage::Driven { .. })
+    pub const fn is_there(&self) -> bool {
+        !matches!(self.stage, BrakeStage::NotThere)
     }
 
-    /// Whether the drive drives nothing, and the axis does not run on from what it did.
-    pub const fn is_free(&self) -> bool {
-        matches!(self.stage, Stage::Free)
+    /// What its output is to be; none where the host has none.
+    pub const fn is_set(&self) -> Option<bool> {
+        match self.stage {
+            BrakeStage::NotThere | BrakeStage::Managed => None,
+            BrakeStage::Set | BrakeStage::Setting { .. } => Some(true),
+            BrakeStage::Releasing { .. } | BrakeStage::NotReleased | BrakeStage::Released => {
+                Some(false)
+            }
+        }
     }
 
-    /// Whether the drive has surely shown that its power stage is off, and was led there.
-    pub const fn is_down(&self) -> bool {
-        matches!(self.down, Some(left) if left.is_over())
+    /// Whether the axis must keep its power: its brake does not hold it yet.
+    pub const fn needs_power(&self) -> bool {
+        matches!(
+            self.stage,
+            BrakeStage::Releasing { .. }
+                | BrakeStage::NotReleased
+                | BrakeStage::Released
+                | BrakeStage::Setting { .. }
+        )
     }
 
-    pub fn due(&self) -> Due {
-        let left = match self.stage {
-            Stage::Driven { left: Some(left) } => left.due(),
-            // It may be free with the next cycle.
-            Stage::Unknown | Stage::GivenUp => Due::NEXT,
-            Stage::Driven { left: None } | Stage::Free => Due::NEVER,
-        };
-        left.sooner(self.down.map_or(Due::NEVER, Timer::due))
+    /// Whether an enabled axis may be moved; none while its brake opens.
+    pub const fn released(&self) -> Option<Result<(), Failure>> {
+        match self.stage {
+            BrakeStage::NotThere | BrakeStage::Managed | BrakeStage::Released => Some(Ok(())),
+            BrakeStage::NotReleased => Some(Err(Failure::BrakeNotReleased)),
+            BrakeStage::Set | BrakeStage::Setting { .. } | BrakeStage::Releasing { .. } => None,
+        }
+    }
+
+    /// Whether the axis has left, without power, the place where its brake was to hold it.
+    pub const fn has_slipped(&self) -> bool {
+        matches!(self.held_at, HeldAt::Slipped)
+    }
+
+    pub const fn due(&self, power: &Power) -> Due {
+        Due::next_if(match self.stage {
+            BrakeStage::NotThere | BrakeStage::Managed | BrakeStage::Set => false,
+            BrakeStage::Releasing { .. } | BrakeStage::Setting { .. } => true,
+            BrakeStage::Released | BrakeStage::NotReleased => !power.leads_up(),
+        })
     }
 }
 
-/// Whether the drive follows set-points in this state, or stops the axis.
-const fn is_powered(state: State) -> bool {
-    matches!(
-        state,
-        State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
-    )
+/// What is left of a time after this cycle, in which the drive has its outputs; none where it is over.
+fn after(mut left: Timer, step: &Step<'_>) -> Option<Timer> {
+    left.pass(if step.delivered {
+        step.elapsed
+    } else {
+        Elapsed::default()
+    });
+    (!left.is_over()).then_some(left)
 }

@@ -7,7 +7,7 @@ use crate::{
     profile_position::{Bounds, Limits, Parameters, PositionRange, Traits},
 };
 
-use super::AxisFields;
+use super::{AxisFields, Brake};
 
 /// The settings of an axis core: where its objects lie, how its drive behaves, what counts as arrived, and how long to wait.
 ///
@@ -58,6 +58,8 @@ pub struct CoreConfig {
     pub modulo: Option<PositionRange>,
     /// How the axis comes to know where it is.
     pub referencing: Referencing,
+    /// What holds the axis without power; none where it is not known to have a brake, or where the program sets it.
+    pub brake: Option<Brake>,
     /// Whether the drive showed, when the axis attached, that it has been homed and has kept its position since
     /// ([`Traits::homed`]). With it the axis begins as referenced.
     pub homed: bool,
@@ -83,6 +85,7 @@ impl CoreConfig {
             limits: Limits::trust_drive(),
             modulo: None,
             referencing: Referencing::default(),
+            brake: None,
             homed: false,
         }
     }
@@ -309,6 +312,8 @@ pub struct DriveSettings {
     pub turn: Option<PositionRange>,
     /// How its Profile Position mode behaves, as the axis was configured.
     pub traits: Traits,
+    /// The brake that it was configured with.
+    pub brake: Option<Brake>,
 }
 
 #[cfg(feature = "std")]
@@ -321,6 +326,7 @@ impl DriveSettings {
             supported_modes: config.supported_modes,
             turn: config.modulo,
             traits: config.traits,
+            brake: config.brake,
         }
     }
 }

@@ -15,7 +15,7 @@ use crate::{
 };
 
 use super::{
-    Command, CoreConfig, Inputs, Snapshot,
+    Brake, Command, CoreConfig, Inputs, Snapshot,
     command::StopRequest,
     machines::{Machines, Step},
     observed::{Aside, News, Observed},
@@ -109,6 +109,13 @@ struct Attention {
     quiet: Quiet,
 }
 
+/// What the inputs show that only some axes are asked for.
+#[derive(Debug, Clone, Copy)]
+struct Beside {
+    torque: Option<i16>,
+    brake: Option<bool>,
+}
+
 /// What the owner of the cycle is told.
 #[derive(Debug, Clone, Copy)]
 struct Report {
@@ -187,8 +194,11 @@ impl AxisCore {
         };
         // The first one writes what is kept from then on.
         if counts || (answered && is_due) || number == 1 {
-            let torque = self.torque_awaited(&inputs);
-            self.step_machines(now, news, torque, outputs);
+            let beside = Beside {
+                torque: self.torque_awaited(&inputs),
+                brake: self.brake_shown(&inputs),
+            };
+            self.step_machines(now, news, beside, outputs);
             return true;
         }
         false
@@ -208,14 +218,24 @@ impl AxisCore {
         }
     }
 
+    /// Whether the brake is released, by its feedback in these inputs.
+    #[inline]
+    fn brake_shown(&self, inputs: &Inputs<'_>) -> Option<bool> {
+        if !self.machines.brake.is_there() {
+            return None;
+        }
+        let config = &self.known.config.0;
+        match (&config.brake, inputs) {
+            (Some(Brake::Output(brake)), Inputs::Fresh(bytes) | Inputs::Answered(bytes)) => {
+                let inputs = bytes.get(config.fields.digital_inputs?..)?.first_chunk()?;
+                brake.is_released(u32::from_le_bytes(*inputs))
+            }
+            _ => None,
+        }
+    }
+
     #[inline(never)]
-    fn step_machines(
-        &mut self,
-        now: Duration,
-        news: News,
-        torque: Option<i16>,
-        outputs: &mut [u8],
-    ) {
+    fn step_machines(&mut self, now: Duration, news: News, beside: Beside, outputs: &mut [u8]) {
         let answered = self.known.observed.link.answered;
         let elapsed = self.known.elapse_to(now, answered);
         if answered {
@@ -224,8 +244,8 @@ impl AxisCore {
                 .observed
                 .note_unrest(now, waits, &self.known.bounds.0);
             let step = self.known.step(&self.machines, now, elapsed);
-            self.machines.step(step);
-            if let Some(torque) = torque {
+            self.machines.step(step, beside.brake);
+            if let Some(torque) = beside.torque {
                 let step = self.known.step(&self.machines, now, elapsed);
                 self.machines.step_contact(&step, torque);
             }
@@ -446,6 +466,7 @@ impl AxisCore {
             halted: machines.stopping.halt.is_on,
             has_set_point: machines.modes.has_motion(),
             referenced: machines.is_referenced(&self.known.config.0),
+            slipped: machines.brake.has_slipped(),
         }
     }
 
@@ -545,6 +566,26 @@ impl AxisCore {
             next.velocity,
             &modes.parameters(),
         );
+        if let Some(is_set) = self.machines.brake.is_set() {
+            self.write_brake(is_set, outputs);
+        }
+    }
+
+    /// The output of the brake, and no other bit of 60FEh:1.
+    fn write_brake(&self, is_set: bool, outputs: &mut [u8]) {
+        let config = &self.known.config.0;
+        let place = config.fields.digital_outputs;
+        let place = place.and_then(|at| outputs.get_mut(at..)?.first_chunk_mut());
+        if let (Some(Brake::Output(brake)), Some(place)) = (&config.brake, place) {
+            let ((bit, set_level), held) = (brake.bit(), u32::from_le_bytes(*place));
+            let others = held & !bit;
+            let value = if is_set == set_level {
+                others | bit
+            } else {
+                others
+            };
+            *place = value.to_le_bytes();
+        }
     }
 
     /// Whether a step with these inputs, which are those of the last one, does nothing but count the cycle.
@@ -622,9 +663,14 @@ impl AxisCore {
     /// How long a disable may take at most, with the stop of a moving axis before it.
     pub(crate) fn longest_stop(&self) -> Duration {
         let deadlines = &self.known.config.0.deadlines;
+        let closing = match &self.known.config.0.brake {
+            Some(Brake::Output(brake)) => brake.set,
+            Some(Brake::DriveManaged) | None => Duration::ZERO,
+        };
         deadlines
             .standstill
             .saturating_add(deadlines.disable)
+            .saturating_add(closing)
             .saturating_add(self.known.bounds.0.settle)
     }
 

@@ -42,6 +42,8 @@ pub struct AxisFields {
     pub profile_type: Option<usize>,
     /// Target velocity 60FFh, 32 bits, in the outputs.
     pub target_velocity: Option<usize>,
+    /// Physical outputs 60FEh:1, 32 bits, in the outputs.
+    pub digital_outputs: Option<usize>,
     /// Statusword 6041h, 16 bits, in the inputs.
     pub statusword: usize,
     /// Position actual value 6064h, 32 bits, in the inputs.
@@ -54,6 +56,8 @@ pub struct AxisFields {
     pub error_code: Option<usize>,
     /// Torque actual value 6077h, 16 bits, in the inputs.
     pub torque: Option<usize>,
+    /// Digital inputs 60FDh, 32 bits, in the inputs.
+    pub digital_inputs: Option<usize>,
 }
 
 impl AxisFields {
@@ -70,12 +74,14 @@ impl AxisFields {
             deceleration: None,
             profile_type: None,
             target_velocity: None,
+            digital_outputs: None,
             statusword: inputs,
             position: inputs + 2,
             mode_display: None,
             actual_velocity: None,
             error_code: None,
             torque: None,
+            digital_inputs: None,
         }
     }
 
@@ -121,12 +127,14 @@ impl AxisFields {
             deceleration: output(obj::PROFILE_DECELERATION.into())?,
             profile_type: output(obj::MOTION_PROFILE_TYPE.into())?,
             target_velocity: output(obj::TARGET_VELOCITY.into())?,
+            digital_outputs: output(obj::DIGITAL_OUTPUTS.into())?,
             statusword: must(Direction::Inputs, obj::STATUSWORD.into())?,
             position: must(Direction::Inputs, obj::POSITION_ACTUAL.into())?,
             mode_display: input(obj::MODE_OF_OPERATION_DISPLAY.into())?,
             actual_velocity: input(obj::VELOCITY_ACTUAL.into())?,
             error_code: input(obj::ERROR_CODE.into())?,
             torque: input(obj::TORQUE_ACTUAL.into())?,
+            digital_inputs: input(obj::DIGITAL_INPUTS.into())?,
         })
     }
 

@@ -16,12 +16,13 @@ use crate::{
 
 use super::{
     CoreConfig,
-    brake::{self, Brake},
+    brake::HoldingBrake,
     config::Referencing,
     mode::{ModeStepped, Modes},
     observed::{Aside, Observed},
     outputs::{ComposedWord, Outgoing, Outputs},
     power::{Power, PowerStep},
+    power_guard::{self, PowerGuard},
     stopping::{Halt, StopPhase, StopStep, Stopping, Wait, quarter, stopped},
 };
 
@@ -45,7 +46,7 @@ pub(super) struct Step<'a> {
     pub sent: Outgoing,
     /// Two cycles of the drive.
     pub seen: Timer,
-    pub brake: Brake,
+    pub guard: PowerGuard,
     pub power: Power,
     pub config: &'a CoreConfig,
     pub bounds: &'a Bounds,
@@ -75,7 +76,7 @@ impl<'a> Step<'a> {
             delivered: observed.link.delivered,
             sent: machines.outputs.sent,
             seen: Timer::new(config.traits.surely_seen()),
-            brake: machines.brake,
+            guard: machines.guard,
             power: machines.power,
             config,
             bounds,
@@ -99,6 +100,11 @@ impl<'a> Step<'a> {
         self.sends(Controlword::ENABLE_OPERATION)
     }
 
+    /// Whether the drive is in Operation enabled, and is commanded so.
+    pub fn is_enabled_by_us(&self) -> bool {
+        self.state == State::OperationEnabled && self.sends_enable() && self.delivered
+    }
+
     pub const fn sends_reset(&self) -> bool {
         self.sends(Controlword::FAULT_RESET)
     }
@@ -117,7 +123,7 @@ impl<'a> Step<'a> {
 
     /// Whether the axis has come to rest from all that its drive has done, or may have done.
     pub const fn is_at_rest(&self) -> bool {
-        self.stands() || self.brake.is_free()
+        self.stands() || self.guard.is_free()
     }
 
     /// The same; and what was sent last keeps the drive from following a set-point, unless the axis stays enabled.
@@ -127,7 +133,7 @@ impl<'a> Step<'a> {
 
     /// Whether the drive has surely shown that its power stage is off, and the axis rests.
     pub const fn is_down_at_rest(&self) -> bool {
-        self.brake.is_down() && self.is_at_rest()
+        self.guard.is_down() && self.is_at_rest()
     }
 
     pub const fn disables(&self) -> bool {
@@ -180,7 +186,8 @@ impl<'a> Step<'a> {
 /// The machines of an axis.
 #[derive(Debug, Clone, Hash)]
 pub(super) struct Machines {
-    pub brake: Brake,
+    pub guard: PowerGuard,
+    pub brake: HoldingBrake,
     pub power: Power,
     pub stopping: Stopping,
     pub modes: Modes,
@@ -207,7 +214,8 @@ pub(super) struct Resuming {
 impl Machines {
     pub fn new(config: &CoreConfig) -> Self {
         Self {
-            brake: Brake::new(),
+            guard: PowerGuard::new(),
+            brake: HoldingBrake::new(config.brake.as_ref()),
             power: Power::Off,
             stopping: Stopping::new(),
             modes: Modes::new(config),
@@ -220,13 +228,13 @@ impl Machines {
         }
     }
 
-    /// One cycle with inputs.
-    pub fn step(&mut self, step: Step<'_>) {
+    /// One cycle with inputs. `released`: whether its brake is open, by its feedback.
+    pub fn step(&mut self, step: Step<'_>, released: Option<bool>) {
         let mut step = step;
         let before = core::mem::replace(&mut self.state, step.state);
         self.note_state(&step, before);
         self.doubt_rest(&mut step);
-        self.step_brake(&mut step);
+        self.step_guard(&mut step);
         self.modes.pass_time(&step);
         if step.state.is_fault() {
             self.apply_fault(&step, before);
@@ -234,7 +242,7 @@ impl Machines {
         let rests = self.rests_for_mode(&step);
         let events = &mut self.events.0;
         self.modes.step_change(&step, rests, events);
-        let stepped = self.power.step(&step);
+        let stepped = self.power.step(&step, &self.brake);
         self.apply_power(&step, stepped);
         step.power = self.power;
         let stepped = self.stopping.step_halt(&step, self.modes.has_motion());
@@ -244,6 +252,11 @@ impl Machines {
         self.apply_stop(&step, stepped);
         self.step_modes(&step);
         self.step_hold();
+        if self.brake.is_there() {
+            self.doubt_rest(&mut step);
+            (step.power, step.guard) = (self.power, self.guard);
+            self.step_brake(&step, released);
+        }
         // Of the time until now the axis was halted.
         self.stopping.note_release(&step);
     }
@@ -255,9 +268,14 @@ impl Machines {
         let stops = step.state == State::QuickStopActive && step.state != before;
         let stands_halted = self.stopping.is_quick() && self.stopping.stands_halted(step);
         let stands = step.stands() && !self.modes.has_motion() && !stops;
-        if (leaves || stops) && !stands && !stands_halted {
+        if (leaves || stops) && !stands && !stands_halted || self.begins_to_hang(step, before) {
             self.counts_rest_anew = Aside(true);
         }
+    }
+
+    /// Whether an axis that loses its power is to stay on its brake.
+    const fn begins_to_hang(&self, step: &Step<'_>, before: State) -> bool {
+        self.brake.is_there() && before.holds_axis() && !step.state.holds_axis()
     }
 
     /// Where rest is to be counted anew, the axis does not stand.
@@ -267,16 +285,30 @@ impl Machines {
         }
     }
 
-    fn step_brake(&mut self, step: &mut Step<'_>) {
-        let shown = brake::Shown {
+    fn step_guard(&mut self, step: &mut Step<'_>) {
+        let shown = power_guard::Shown {
             state: step.state,
             stands: step.stands(),
             enables: step.sends_enable() || !step.delivered,
             leading_down: !self.power.leads_up(),
         };
         let patience = step.config.deadlines.standstill;
-        self.brake.update(shown, step.elapsed, step.seen, patience);
-        step.brake = self.brake;
+        self.guard.update(shown, step.elapsed, step.seen, patience);
+        step.guard = self.guard;
+    }
+
+    fn step_brake(&mut self, step: &Step<'_>, released: Option<bool>) {
+        let Some(from) = self.brake.update(step, released) else {
+            return;
+        };
+        let failure = Failure::AxisSlipped {
+            from,
+            to: step.position(),
+        };
+        if !self.power.is_resetting() {
+            self.fail_commands(step, failure);
+        }
+        self.fail_stops(failure);
     }
 
     /// A fault ends everything; nothing here resets it. Should the drive go on by itself, the axis is led down. Who waited for a stop
@@ -487,7 +519,7 @@ impl Machines {
                 self.power = Power::Off;
                 self.stopping.halt = Halt::OFF;
                 if failure != Failure::QuickStopIgnored {
-                    self.brake.give_up();
+                    self.guard.give_up();
                 }
                 self.stopping.phase = StopPhase::Off {
                     left: step.timer(step.config.deadlines.disable),
@@ -573,11 +605,12 @@ impl Machines {
     /// The drive begins again: nothing is commanded. One that may still be moving is held, since switching off would let it coast.
     #[cfg(feature = "std")]
     pub fn restart(&mut self, config: &CoreConfig, state: State, is_anew: bool) {
-        let may_move = matches!(
-            state,
-            State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
-        );
-        self.power = if may_move { Power::Holding } else { Power::Off };
+        self.power = if state.holds_axis() {
+            Power::Holding
+        } else {
+            Power::Off
+        };
+        self.brake = HoldingBrake::new(config.brake.as_ref());
         self.stopping = Stopping::new();
         self.modes.restart(config, is_anew);
         self.outputs.restart();
@@ -586,7 +619,7 @@ impl Machines {
     /// Nothing is known of the drive.
     #[cfg(feature = "std")]
     pub fn forget_drive(&mut self) {
-        self.brake = Brake::new();
+        self.guard = PowerGuard::new();
         self.state = State::NotReadyToSwitchOn;
     }
 
@@ -656,7 +689,7 @@ impl Machines {
             PowerCommand::DisableVoltage
         } else {
             let command = self.power.command(state, lacks_voltage);
-            if self.power.leads_down(command) && self.brake.holds(stands) {
+            if self.power.leads_down(command) && (self.guard.holds(stands) || self.keeps_power()) {
                 PowerCommand::QuickStop
             } else {
                 command
@@ -688,11 +721,17 @@ impl Machines {
         self.outputs.next = Outgoing { word, velocity };
     }
 
+    /// Whether the drive holds the axis until its brake does.
+    const fn keeps_power(&self) -> bool {
+        self.brake.needs_power() && self.guard.may_hold()
+    }
+
     /// When a machine has something to do without a word of the drive.
     pub fn due(&self, step_in_mode: bool) -> Due {
         Due::next_if(self.has_unsent())
             .sooner(self.power.due())
-            .sooner(self.brake.due())
+            .sooner(self.guard.due())
+            .sooner(self.brake.due(&self.power))
             .sooner(self.stopping.due())
             .sooner(self.modes.due(step_in_mode))
     }

@@ -15,6 +15,7 @@ mod mode;
 mod observed;
 mod outputs;
 mod power;
+mod power_guard;
 mod snapshot;
 mod stopping;
 #[cfg(test)]
@@ -25,6 +26,7 @@ pub use crate::profile_position::events::{CommandId, Completion, Event};
 pub use crate::profile_position::failure::{
     Delivery, Inhibit, ParameterFault, Unrest, Unsupported, WaitingFor, WorkingCounter,
 };
+pub use brake::{Brake, OutputBrake};
 pub use command::Command;
 pub use config::{CoreConfig, Deadlines, DriveSettings, Loss, Tolerances};
 pub use fields::{AxisFields, FieldError};
@@ -42,8 +44,8 @@ pub(crate) use snapshot::SnapshotChange;
 #[cfg(feature = "std")]
 pub use crate::handle::{
     ArmedProbe, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
-    AxisStatistics, BoxFuture, ContinuousProbe, Edge, GroupQueue, Groups, InputField,
-    LimitedTorque, Liveness, LivenessWatch, MotionEnd, NoParameters, OutputField, ParameterAccess,
-    Probe, ProbeError, ProbeRequest, Probed, ProbedEdge, Sampled, Stale, StartTogether, StopHandle,
-    TorqueLimit,
+    AxisStatistics, BoxFuture, ContinuousProbe, Edge, GroupQueue, Groups, InputBit, InputField,
+    LimitedTorque, Liveness, LivenessWatch, MotionEnd, NoParameters, OutputBit, OutputField,
+    ParameterAccess, Probe, ProbeError, ProbeRequest, Probed, ProbedEdge, Sampled, Stale,
+    StartTogether, StopHandle, TorqueLimit,
 };

@@ -9,7 +9,7 @@ use crate::{
     timer::{Due, Timer},
 };
 
-use super::machines::Step;
+use super::{brake::HoldingBrake, machines::Step};
 
 /// Edges of bit 7 that one reset sends at most.
 pub(super) const RESET_EDGES: u8 = 3;
@@ -133,7 +133,7 @@ impl Power {
     }
 
     /// One cycle with inputs.
-    pub fn step(&mut self, step: &Step<'_>) -> PowerStep {
+    pub fn step(&mut self, step: &Step<'_>, brake: &HoldingBrake) -> PowerStep {
         let state = step.state;
         match self {
             Self::Off => {}
@@ -171,8 +171,13 @@ impl Power {
                 let id = *id;
                 if state == State::OperationEnabled && *was_down && step.sends_enable() {
                     if step.delivered {
-                        *self = Self::Enabled;
-                        return PowerStep::Done(id, Ok(Completion::Done));
+                        let (next, result) = match brake.released() {
+                            None => return PowerStep::Nothing,
+                            Some(Ok(())) => (Self::Enabled, Ok(Completion::Done)),
+                            Some(Err(failure)) => (Self::Off, Err(failure)),
+                        };
+                        *self = next;
+                        return PowerStep::Done(id, result);
                     }
                 } else if state == State::OperationEnabled {
                     // Somebody else has enabled it: it may hold a set-point.

@@ -84,6 +84,9 @@ pub struct Snapshot<U: AxisUnit = Counts> {
     pub has_set_point: bool,
     /// Whether the axis knows where it is: by [`Referencing`](crate::Referencing).
     pub referenced: bool,
+    /// Whether an axis with a [`Brake`](super::Brake) has left its position window since its brake was closed and its power gone: the brake
+    /// does not hold it. It stays so until the axis has power again.
+    pub slipped: bool,
 }
 
 impl<U: AxisUnit> Snapshot<U> {
@@ -105,6 +108,7 @@ where
             (self.shows_following_error(), "following error"),
             (self.halted, "halted"),
             (self.lost, "lost"),
+            (self.slipped, "slipped on its brake"),
         ];
         for (_, what) in also.into_iter().filter(|(is_so, _)| *is_so) {
             write!(f, ", {what}")?;
@@ -147,6 +151,7 @@ impl Snapshot {
             halted: self.halted,
             has_set_point: self.has_set_point,
             referenced: self.referenced,
+            slipped: self.slipped,
         }
     }
 }

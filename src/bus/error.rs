@@ -381,6 +381,28 @@ pub enum DriveFault {
         /// The axis' name.
         axis: String,
     },
+    /// Quick stop does not leave an axis powered that has its brake on an output: the brake could not close before the power goes.
+    #[error(
+        "605Ah of axis {axis} is {option}: at quick stop it would lose its power before the host has closed its brake; set 605Ah to 5, 6 or 7 in the start-up list"
+    )]
+    BrakeNeedsPower {
+        /// The axis' name.
+        axis: String,
+        /// Quick stop option code 605Ah, or 2 where the drive has no such object.
+        option: i16,
+    },
+    /// The drive does not let the host set the output that the brake of the axis is on.
+    #[error(
+        "60FEh:2 of axis {axis} is {mask:08X}h, and its brake is on bit {bit:08X}h: the drive ignores that output; enable it in 60FEh:2 by a line of the start-up list"
+    )]
+    BrakeMasked {
+        /// The axis' name.
+        axis: String,
+        /// The mask 60FEh:2.
+        mask: u32,
+        /// The bit of the brake.
+        bit: u32,
+    },
     /// An object of its outputs cannot be read, and no start-up list says what it is to hold.
     #[error(
         "{object} is mapped into the outputs and cannot be read, so nobody knows what is to go out until the program sets it ({error}): write \

@@ -232,6 +232,7 @@ pub(super) enum AxisChange {
     State,
     Halted,
     Resumed,
+    Slipped,
 }
 
 /// What has happened to a drive, or to another device.
@@ -261,7 +262,7 @@ impl LogRecord {
     pub fn level(&self) -> Level {
         match self {
             Self::Axis(note) => match note.change {
-                AxisChange::Fault { .. } => Level::ERROR,
+                AxisChange::Fault { .. } | AxisChange::Slipped => Level::ERROR,
                 AxisChange::Lost => Level::WARN,
                 AxisChange::Back | AxisChange::State | AxisChange::Halted | AxisChange::Resumed => {
                     Level::INFO
@@ -439,6 +440,7 @@ impl AxisRecord {
             AxisChange::State => event!(info, "state changed"),
             AxisChange::Halted => event!(info, "halted"),
             AxisChange::Resumed => event!(info, "no longer halted"),
+            AxisChange::Slipped => event!(error, "has slipped on its brake"),
         }
     }
 }
@@ -700,6 +702,7 @@ mod tests {
             AxisChange::State,
             AxisChange::Halted,
             AxisChange::Resumed,
+            AxisChange::Slipped,
         ]
         .map(axis)
         .into();

@@ -13,6 +13,6 @@ pub use mode::{
 };
 pub(crate) use words::mode_bits::{ModeBits, SetPointBits};
 pub use words::{
-    Controlword, DigitalInputs, DigitalOutputs, PowerCommand, PowerGoal, Sample, State, Statusword,
-    TouchProbeFunction, TouchProbeStatus, next_command,
+    Controlword, DigitalInput, DigitalInputs, DigitalOutput, DigitalOutputs, PowerCommand,
+    PowerGoal, Sample, State, Statusword, TouchProbeFunction, TouchProbeStatus, next_command,
 };

@@ -202,6 +202,15 @@ impl State {
     pub const fn is_fault(self) -> bool {
         matches!(self, Self::Fault | Self::FaultReactionActive)
     }
+
+    /// Whether the drive moves the axis or holds it: Operation enabled, Quick stop active and Fault reaction active.
+    #[must_use]
+    pub const fn holds_axis(self) -> bool {
+        matches!(
+            self,
+            Self::OperationEnabled | Self::QuickStopActive | Self::FaultReactionActive
+        )
+    }
 }
 
 impl core::fmt::Display for State {
@@ -342,6 +351,69 @@ bitflags! {
     pub struct DigitalOutputs: u32 {
         /// Bit 0, set brake.
         const SET_BRAKE = 1 << 0;
+    }
+}
+
+/// A digital input of the axis, a bit of 60FDh by its name.
+///
+/// ```
+/// use servocrab::ds402::{DigitalInput, DigitalInputs};
+/// assert_eq!(DigitalInput::HomeSwitch.mask(), Some(DigitalInputs::HOME_SWITCH.bits()));
+/// assert_eq!(DigitalInput::Bit(16).mask(), Some(0x0001_0000));
+/// assert_eq!(DigitalInput::Bit(32).mask(), None);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DigitalInput {
+    /// Bit 0.
+    NegativeLimitSwitch,
+    /// Bit 1.
+    PositiveLimitSwitch,
+    /// Bit 2.
+    HomeSwitch,
+    /// Bit 3.
+    Interlock,
+    /// Any bit, 0 to 31. The manufacturer's are 16 to 31, where the drive's manual says what each is; some drives have inputs in 4 to 15.
+    Bit(u8),
+}
+
+impl DigitalInput {
+    /// Its bit in 60FDh; none of a number above 31.
+    #[must_use]
+    pub const fn mask(self) -> Option<u32> {
+        let number = match self {
+            Self::NegativeLimitSwitch => 0,
+            Self::PositiveLimitSwitch => 1,
+            Self::HomeSwitch => 2,
+            Self::Interlock => 3,
+            Self::Bit(number) => number,
+        };
+        1u32.checked_shl(number as u32)
+    }
+}
+
+/// A digital output of the axis, a bit of 60FEh by its name.
+///
+/// ```
+/// use servocrab::ds402::{DigitalOutput, DigitalOutputs};
+/// assert_eq!(DigitalOutput::SetBrake.mask(), Some(DigitalOutputs::SET_BRAKE.bits()));
+/// assert_eq!(DigitalOutput::Bit(31).mask(), Some(0x8000_0000));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DigitalOutput {
+    /// Bit 0, set brake: 1 closes it.
+    SetBrake,
+    /// Any bit, 0 to 31. The manufacturer's are 16 to 31, where the drive's manual says what each is.
+    Bit(u8),
+}
+
+impl DigitalOutput {
+    /// Its bit in 60FEh:1, and in the mask 60FEh:2; none of a number above 31.
+    #[must_use]
+    pub const fn mask(self) -> Option<u32> {
+        match self {
+            Self::SetBrake => Some(1),
+            Self::Bit(number) => 1u32.checked_shl(number as u32),
+        }
     }
 }
 

@@ -215,12 +215,14 @@ impl<U: AxisUnit> Axis<U> {
         &self.handles.shared.identity
     }
 
-    /// To Operation enabled, from every state but Fault. No motion follows from it.
+    /// To Operation enabled, from every state but Fault. No motion follows from it. With a [brake](crate::AxisConfig::brake) on an output it ends
+    /// when that is open.
     ///
     /// Once asked for it is completed, also when the future is dropped.
     ///
     /// # Errors
     /// With the reason for which the drive refuses: a fault, local control, no supply, or a deadline.
+    /// [`Failure::BrakeNotReleased`](crate::Failure::BrakeNotReleased) where the feedback of its brake does not show it open in time.
     /// [`Failure::Busy`](crate::Failure::Busy) while another command changes the axis' state, or where a stop that is not sent yet
     /// has ended another enable. When the bus is lost.
     pub async fn enable(&self) -> Result<(), AxisError> {
@@ -230,9 +232,10 @@ impl<U: AxisUnit> Axis<U> {
     }
 
     /// Off power, to Ready to switch on or below. An axis that moves or is halted is stopped first and its set-point
-    /// abandoned.
+    /// abandoned. A [brake](crate::AxisConfig::brake) on an output is closed before the power goes.
     ///
     /// # Errors
+    /// [`Failure::AxisSlipped`](crate::Failure::AxisSlipped) where its brake does not hold it.
     /// [`Failure::Fault`](crate::Failure::Fault) when a fault overtakes the stop of an axis that moves. Also when the drive ignores the
     /// quick stop of that ([`QuickStopIgnored`](crate::Failure::QuickStopIgnored)), when a deadline passes, or the bus is lost.
     pub async fn disable(&self) -> Result<(), AxisError> {

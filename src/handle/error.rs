@@ -246,6 +246,12 @@ impl ErrorUnit {
                 at(actual.into()),
                 at(target.into())
             ),
+            Failure::AxisSlipped { from, to } => write!(
+                f,
+                "the axis has slipped from {} to {} {name} although its brake is closed: make the load safe, then look at the brake and its `set` time",
+                at(from.into()),
+                at(to.into())
+            ),
             Failure::Unknown {
                 doubt,
                 actual,
@@ -350,6 +356,9 @@ pub enum AxisErrorKind {
         /// The object, as the drive numbers it for this axis.
         object: ObjectAddress,
     },
+    /// A digital input or output with a number above 31.
+    #[error("60FDh and 60FEh have the bits 0 to 31: no input or output has another number")]
+    NoBit,
     /// An object could not be read or written by SDO.
     #[error("{0}")]
     Sdo(Arc<SdoError>),

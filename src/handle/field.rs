@@ -4,7 +4,8 @@ use core::{fmt, marker::PhantomData};
 use std::sync::Arc;
 
 use crate::{
-    coe::{Number, Object, ObjectAddress, Readable, Writable},
+    coe::{Number, Object, ObjectAddress, Readable, Writable, obj},
+    ds402::{DigitalInput, DigitalOutput},
     pdo_map::{self, Direction, LayoutError},
     units::AxisUnit,
 };
@@ -127,10 +128,35 @@ impl<T: Number> OutputField<T> {
         self.shared.write_output(self.cell, value.to_raw());
     }
 
-    /// The value that was set last, by whichever field of this object of this axis; none before the first.
+    /// The value that was set last, by whichever field of this object of this axis; none before the first, and while only single bits
+    /// were set ([`Axis::digital_output`]).
     #[must_use]
     pub fn get(&self) -> Option<T> {
-        self.shared.outputs.get(self.cell).map(T::from_raw)
+        self.bits(mask_of(T::BITS)).map(T::from_raw)
+    }
+
+    /// Sends these bits from the next cycle on, and the others as they are.
+    fn set_bits(&self, mask: u32, on: bool) {
+        let bits = if on { mask } else { 0 };
+        self.shared.change_output(self.cell, mask, bits);
+    }
+
+    /// What these bits were set to last; none if they were not.
+    fn bits(&self, mask: u32) -> Option<u32> {
+        self.shared.outputs.get(self.cell, mask)
+    }
+
+    /// Whether one of these bits is the axis' own.
+    fn is_owned(&self, mask: u32) -> bool {
+        self.shared.outputs.owned(self.cell) & mask != 0
+    }
+}
+
+/// So many bits, the lowest ones.
+const fn mask_of(bits: u8) -> u32 {
+    match 1u32.checked_shl(bits as u32) {
+        Some(above) => above - 1,
+        None => u32::MAX,
     }
 }
 
@@ -161,6 +187,138 @@ impl<T: Number + fmt::Debug> fmt::Debug for InputField<T> {
 impl<T: Number + fmt::Debug> fmt::Debug for OutputField<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("OutputField").field(&self.get()).finish()
+    }
+}
+
+// Single bits by name: 60FDh and 60FEh:1.
+
+/// A digital input of an axis.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{AxisConfig, DriveConfig, Network, coe::obj, drives, link::Wire};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::generic());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// use servocrab::ds402::DigitalInput;
+/// let x = AxisConfig::new("x").map_input(obj::DIGITAL_INPUTS);
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, DriveConfig::new(drives::generic()).axis(x)).start().await?;
+/// let at_end = net.axis("x")?.digital_input(DigitalInput::PositiveLimitSwitch)?;
+/// assert!(!at_end.get()?);
+/// # net.shutdown().await?;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
+#[derive(Clone)]
+pub struct InputBit {
+    field: InputField<u32>,
+    mask: u32,
+}
+
+/// A digital output of an axis. Where the mask 60FEh:2 does not enable the bit, the drive ignores it.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{AxisConfig, DriveConfig, Network, coe::obj, drives, link::Wire, parameters::StartUpWrite};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::generic());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// use servocrab::ds402::DigitalOutput;
+/// let x = AxisConfig::new("x").map_output(obj::DIGITAL_OUTPUTS);
+/// let drive = DriveConfig::new(drives::generic())
+///     .axis(x)
+///     .start_up(StartUpWrite::new(obj::DIGITAL_OUTPUTS_MASK, 0x0001_0000));
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// let gripper = net.axis("x")?.digital_output(DigitalOutput::Bit(16))?;
+/// gripper.set(true);
+/// assert_eq!(gripper.get(), Some(true));
+/// # net.shutdown().await?;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
+#[derive(Clone)]
+pub struct OutputBit {
+    field: OutputField<u32>,
+    mask: u32,
+}
+
+impl<U: AxisUnit> Axis<U> {
+    /// A digital input of this axis, from 60FDh in the process data. PLCopen calls it `MC_ReadDigitalInput`.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::Field`] if the drive does not send 60FDh: map it by
+    /// [`AxisConfig::map_input`](crate::AxisConfig::map_input). [`AxisErrorKind::NoBit`] for a number above 31.
+    pub fn digital_input(&self, input: DigitalInput) -> Result<InputBit, AxisError> {
+        let mask = input.mask().ok_or_else(|| self.no_bit())?;
+        let field = self.input(obj::DIGITAL_INPUTS)?;
+        Ok(InputBit { field, mask })
+    }
+
+    /// A digital output of this axis, in 60FEh:1 in the process data. PLCopen calls it `MC_WriteDigitalOutput`. Other bits stay as they are.
+    /// Until it is set, it is what [`AxisConfig::map_output`](crate::AxisConfig::map_output) says.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::Field`] if 60FEh:1 is not in the drive's outputs: map it by
+    /// [`AxisConfig::map_output`](crate::AxisConfig::map_output). [`AxisErrorKind::OwnedByAxis`] for the output of its
+    /// [`Brake`](crate::axis::Brake). [`AxisErrorKind::NoBit`] for a number above 31.
+    pub fn digital_output(&self, output: DigitalOutput) -> Result<OutputBit, AxisError> {
+        let mask = output.mask().ok_or_else(|| self.no_bit())?;
+        let field = self.output(obj::DIGITAL_OUTPUTS)?;
+        if field.is_owned(mask) {
+            let object = self.handles.of_axis(obj::DIGITAL_OUTPUTS.address());
+            let kind = AxisErrorKind::OwnedByAxis { object };
+            return Err(self.handles.shared.error(kind));
+        }
+        Ok(OutputBit { field, mask })
+    }
+
+    fn no_bit(&self) -> AxisError {
+        self.handles.shared.error(AxisErrorKind::NoBit)
+    }
+}
+
+impl InputBit {
+    /// Whether the last cycle has brought it as 1.
+    ///
+    /// # Errors
+    /// [`Stale`] if that cycle brought no inputs. [`last`](Self::last) has the ones before.
+    pub fn get(&self) -> Result<bool, Stale> {
+        Ok(self.field.get()? & self.mask != 0)
+    }
+
+    /// What came last, with its age; none if there never was one.
+    #[must_use]
+    pub fn last(&self) -> Option<Sampled<bool>> {
+        let Sampled { value, age } = self.field.last()?;
+        let value = value & self.mask != 0;
+        Some(Sampled { value, age })
+    }
+}
+
+impl OutputBit {
+    /// Sends this from the next cycle on.
+    pub fn set(&self, on: bool) {
+        self.field.set_bits(self.mask, on);
+    }
+
+    /// What it was set to last, here or by a field of the whole object; none before the first.
+    #[must_use]
+    pub fn get(&self) -> Option<bool> {
+        self.field.bits(self.mask).map(|bits| bits != 0)
+    }
+}
+
+impl fmt::Debug for InputBit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("InputBit").field(&self.last()).finish()
+    }
+}
+
+impl fmt::Debug for OutputBit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("OutputBit").field(&self.get()).finish()
     }
 }
 

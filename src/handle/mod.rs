@@ -43,7 +43,7 @@ use crate::axis::Snapshot;
 
 pub use axis::Axis;
 pub use error::{AxisError, AxisErrorKind, AxisIdentity};
-pub use field::{InputField, OutputField};
+pub use field::{InputBit, InputField, OutputBit, OutputField};
 pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
 pub use homing::{Home, Homed, Homing};
 pub use port::AxisPort;

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use crate::{
     Failure, StopRequest,
-    axis::{AxisCore, Command, Completion, Snapshot},
+    axis::{AxisCore, Brake, Command, Completion, Snapshot},
     coe::obj,
     pdo_map,
     profile_position::LimitsRule,
@@ -77,6 +77,15 @@ impl Measured {
 
 impl Shared {
     pub fn new(setup: AxisSetup, core: &AxisCore) -> Self {
+        let settings = core.drive_settings();
+        let owned = match &settings.brake {
+            Some(Brake::Output(brake)) => {
+                let (bit, _) = brake.bit();
+                let object = obj::DIGITAL_OUTPUTS.offset(setup.offset).address();
+                Some((object, bit))
+            }
+            Some(Brake::DriveManaged) | None => None,
+        };
         Self {
             limits_rule: *core.limits_rule(),
             identity: Arc::new(setup.identity.clone()),
@@ -85,8 +94,8 @@ impl Shared {
             counts: AxisCounts::default(),
             queue: Queue::new(),
             stops: Stops::new(),
-            notes: DriveNotes::new(core.drive_settings()),
-            outputs: OutputCells::of(&setup.layout),
+            notes: DriveNotes::new(settings),
+            outputs: OutputCells::of(&setup.layout, owned),
             probes: AtomicU16::new(0),
             probe_turn: smol::lock::Mutex::new(()),
             waiters: setup.groups.signals.waiters(),

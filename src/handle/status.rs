@@ -200,6 +200,7 @@ pub(super) fn pack(snapshot: &Snapshot) -> Head {
         snapshot.halted,
         snapshot.has_set_point,
         snapshot.referenced,
+        snapshot.slipped,
     ]
     .into_iter()
     .rev()
@@ -225,6 +226,7 @@ fn unpack([cycle, ages, words, motion]: Head) -> Snapshot {
         halted: flag(2),
         has_set_point: flag(3),
         referenced: flag(4),
+        slipped: flag(5),
         statusword,
         state: statusword.state(),
         controlword: Controlword::from_bits_retain((words >> 16) as u16),
@@ -262,6 +264,7 @@ mod tests {
             halted: cycle.is_multiple_of(5),
             has_set_point: cycle.is_multiple_of(7),
             referenced: cycle.is_multiple_of(11),
+            slipped: cycle.is_multiple_of(13),
         }
     }
 

@@ -23,8 +23,8 @@ pub use set::{
     Backup, Difference, Differences, Held, Parameter, ParameterObject, ParameterSet, Progress,
     is_parameter,
 };
+pub(crate) use start_up::StartUpLines;
 pub use start_up::{
     StartUpError, StartUpList, StartUpWrite, Transition, UnknownTransition, WriteFault,
 };
-pub(crate) use start_up::{StartUpLines, is_brake};
 pub use value::{ObjectValue, UnknownType, ValueType};

@@ -291,12 +291,14 @@ impl<'a> StartUpLines<'a> {
     }
 
     /// The first line that would open a brake which goes with the process data: nobody has enabled the axis then.
-    pub fn opens_brake(&self, is_output: impl Fn(ObjectAddress) -> bool) -> Option<StartUpError> {
+    pub fn opens_brake(
+        &self,
+        opens: impl Fn(ObjectAddress, &[u8]) -> bool,
+    ) -> Option<StartUpError> {
         let mut lines = self.0.iter();
         let line = lines.find(|line| {
             let StartUpWrite { object, value, .. } = line.write;
-            let is_set = value.encode().first().is_some_and(|byte| byte & 1 != 0);
-            is_brake(*object) && !is_set && is_output(*object)
+            opens(*object, &value.encode())
         })?;
         Some(line.error(WriteFault::Brake))
     }
@@ -337,11 +339,6 @@ fn on_first_axis(object: ObjectAddress) -> Option<u16> {
 /// The index that a variable of the profile has on the first axis.
 pub(super) fn of_first_axis(object: ObjectAddress) -> Option<u16> {
     on_first_axis(object).filter(|_| object.subindex == 0)
-}
-
-/// Whether bit 0 of the object is a brake: 60FEh:1 of any axis (CiA 402, "set brake").
-pub(crate) fn is_brake(object: ObjectAddress) -> bool {
-    on_first_axis(object) == Some(0x60FE) && object.subindex == 1
 }
 
 /// A line of a start-up list that could not be written.

@@ -358,6 +358,21 @@ pub enum Failure {
         /// The last controlword sent.
         controlword: Controlword,
     },
+    /// The brake's feedback has not shown within its release time that it is open. It is closed again, and the axis disabled.
+    #[error(
+        "the brake was not seen to open within its release time: look at its supply, its feedback, and the mask 60FEh:2"
+    )]
+    BrakeNotReleased,
+    /// The axis has left its position window since its brake was closed and its power gone.
+    #[error(
+        "the axis has slipped from {from} to {to} although its brake is closed: make the load safe, then look at the brake and its `set` time"
+    )]
+    AxisSlipped {
+        /// Position actual value 6064h where it stood.
+        from: i32,
+        /// Where it was seen next.
+        to: i32,
+    },
     /// The drive no longer answers, or the network is gone.
     #[error("the drive no longer answers{}", SentText(*.delivery))]
     BusLost {
@@ -494,7 +509,9 @@ impl Failure {
             | Self::HaltIgnored
             | Self::QuickStopIgnored
             | Self::HomingError { .. }
-            | Self::EnableRefused { .. } => FailureClass::DriveFault,
+            | Self::EnableRefused { .. }
+            | Self::BrakeNotReleased
+            | Self::AxisSlipped { .. } => FailureClass::DriveFault,
             Self::BusLost { .. }
             | Self::LeftOp { .. }
             | Self::Undelivered { .. }

@@ -18,7 +18,11 @@ use servocrab::{
     ds402::DigitalOutputs,
     parameters::{StartUpWrite, Transition, WriteFault},
 };
-use servocrab_sim::{AlState, Segment, ds402::Machine, personality::Servo};
+use servocrab_sim::{
+    AlState, Segment,
+    ds402::{Machine, MachineBrake},
+    personality::Servo,
+};
 
 use crate::{
     rig::{Line, Rig},
@@ -56,7 +60,7 @@ fn hanging(servo: Servo) -> (Line, usize, Arc<Mutex<Seen>>) {
     let servo = servo.change(|drive| {
         drive.machine = Machine {
             gravity: GRAVITY,
-            brake: Some(CLOSES_IN),
+            brake: Some(MachineBrake::new(CLOSES_IN)),
             ends: Some((-1_000_000, i64::MAX)),
             ..Machine::default()
         };

@@ -19,6 +19,7 @@ mod given_up;
 mod habits;
 mod held;
 mod history;
+mod holding;
 mod io;
 mod limits;
 mod load;

@@ -10,7 +10,11 @@ use servocrab::{
     parameters::StartUpWrite,
     pdo_map::{Entry, FixedPdo},
 };
-use servocrab_sim::{PlainEntry, PlainObject, Segment, ds402::Machine, personality::Servo};
+use servocrab_sim::{
+    PlainEntry, PlainObject, Segment,
+    ds402::{Machine, MachineBrake},
+    personality::Servo,
+};
 
 use crate::rig::{Line, Rig};
 
@@ -221,7 +225,7 @@ fn the_brake_of_an_axis_that_the_program_does_not_name_is_set() {
         .change(|drive| {
             drive.machine = Machine {
                 gravity: 10_000_000,
-                brake: Some(Duration::ZERO),
+                brake: Some(MachineBrake::new(Duration::ZERO)),
                 ..Machine::default()
             };
         })

@@ -477,6 +477,8 @@ const FIELDS: AxisFields = AxisFields {
     actual_velocity: None,
     error_code: None,
     torque: None,
+    digital_outputs: None,
+    digital_inputs: None,
 };
 
 /// The axis core and that drive on a bus.

@@ -47,6 +47,7 @@ export const isSet = (word, bit) => ((word >> bit) & 1) === 1;
 export function stateWord(axis) {
   if (axis.trouble?.kind === "lost" || axis.lost) return { word: "lost", kind: "bad" };
   if (axis.state.startsWith("Fault")) return { word: "fault", kind: "bad" };
+  if (axis.slipped) return { word: "slipped on its brake", kind: "warn" };
   if (axis.state === "Operation enabled") return axis.halted ? { word: "halted", kind: "warn" } : { word: "enabled", kind: "good" };
   if (axis.state === "Quick stop active") return { word: "stopped", kind: "warn" };
   if (axis.state === "Not ready to switch on") return { word: "starting", kind: "warn" };

@@ -54,7 +54,7 @@ impl Outputs {
     pub(crate) fn new() -> Self {
         let layout = drives::generic().default_mapping().unwrap().layout();
         let object = obj::PROFILE_VELOCITY.address();
-        let cells = OutputCells::of(&layout);
+        let cells = OutputCells::of(&layout, None);
         Self {
             place: cells.place_of(object).unwrap(),
             byte: layout

@@ -57,6 +57,8 @@ pub struct Disturbances {
     pub progress_before_homing: bool,
     /// Bit 11 of the statusword is always 1, whatever the drive limits.
     pub always_limited: bool,
+    /// The holding brake stays as it is, open or closed.
+    pub brake_sticks: bool,
 }
 
 /// One DS402 axis.
@@ -433,7 +435,10 @@ impl Axis {
     /// 60FDh as it is now.
     pub(super) fn switches(&self) -> u32 {
         let machine = &self.behaviour.machine;
-        self.inputs | machine.switches(self.mechanical_position())
+        let feedback = machine.brake.and_then(|brake| brake.feedback);
+        let is_open = feedback.filter(|_| !self.is_braked());
+        let brake = is_open.map_or(0, |bit| 1 << bit);
+        self.inputs | brake | machine.switches(self.mechanical_position())
     }
 
     /// From now on a reported position is the machine's less `machine_offset`. Nothing moves.

@@ -42,12 +42,66 @@ pub struct Machine {
     /// Counts/s² by which the axis falls, toward smaller positions, where neither the drive nor a brake holds it; 0 for one that does
     /// not hang.
     pub gravity: u32,
-    /// A holding brake, which the drive's physical output 0 opens (60FEh, "set brake"), and the time that it takes to close. A spring
-    /// closes it: it is closed without power, and while the mask (60FEh:2) does not enable the output. It opens at once.
-    pub brake: Option<Duration>,
+    /// A holding brake.
+    pub brake: Option<MachineBrake>,
     /// The encoder knows its position at power-up. Such an axis is referenced from the start, at first in the machine's
     /// own coordinates, and stays so when power is lost.
     pub absolute_encoder: bool,
+}
+
+/// A holding brake. A spring closes it: it is closed without power.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab_sim::ds402::{Machine, MachineBrake, Opener};
+///
+/// let brake = MachineBrake { opens_in: Duration::from_millis(40), ..MachineBrake::new(Duration::from_millis(80)) };
+/// let lift = Machine { gravity: 9_806_650, brake: Some(brake), ..Machine::default() };
+/// assert!(matches!(brake.opened_by, Opener::Output { bit: 0, .. }));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MachineBrake {
+    /// From the signal to open until it is open.
+    pub opens_in: Duration,
+    /// From the end of that signal until it holds.
+    pub closes_in: Duration,
+    /// Who opens it.
+    pub opened_by: Opener,
+    /// The bit of 60FDh that is 1 while it is open.
+    pub feedback: Option<u8>,
+}
+
+/// Who opens a holding brake.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Opener {
+    /// An output of the drive: this bit of 60FEh:1, where it has this level and the mask 60FEh:2 enables it.
+    Output {
+        /// The bit's number.
+        bit: u8,
+        /// The level that opens it.
+        level: bool,
+        /// The drive closes it in a fault, and while its process data are lost.
+        closed_by_drive: bool,
+    },
+    /// The drive, before it shows Operation enabled. When it controls the axis no more it carries the load until the brake has had its time to
+    /// close, as long as it has its supply.
+    Drive,
+}
+
+impl MachineBrake {
+    /// One that opens at once and takes so long to close, opened by the drive's physical output 0 (60FEh:1, "set brake").
+    pub const fn new(closes_in: Duration) -> MachineBrake {
+        MachineBrake {
+            opens_in: Duration::ZERO,
+            closes_in,
+            opened_by: Opener::Output {
+                bit: 0,
+                level: false,
+                closed_by_drive: false,
+            },
+            feedback: None,
+        }
+    }
 }
 
 /// Something that a touch probe meets on its way, a part or a printed mark: its input is active from the first to the last position, both

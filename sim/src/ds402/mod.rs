@@ -61,7 +61,7 @@ pub use emergency::Emergency;
 pub use ledger::{
     Cause, Executed, Homing, HomingError, HomingOutcome, Outcome, VelocityEnd, VelocityPhase,
 };
-pub use machine::{Machine, Mark};
+pub use machine::{Machine, MachineBrake, Mark, Opener};
 pub use objects::{Access, DataType, Entry, Mapping, SetError};
 pub use plant::Plant;
 pub use state::State;

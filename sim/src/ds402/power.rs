@@ -72,6 +72,7 @@ impl Axis {
 
     pub(super) fn run_state_machine(&mut self, controlword: u16) {
         self.cycles_in_state = self.cycles_in_state.saturating_add(1);
+        self.brake.is_asked = false;
         if self.state.is_powered() && !self.voltage && self.state != State::FaultReactionActive {
             self.raise_fault(emergency::UNDER_VOLTAGE);
             return;
@@ -127,7 +128,8 @@ impl Axis {
             }
             (State::SwitchedOn, Command::Shutdown) => self.cut_power(State::ReadyToSwitchOn),
             (State::SwitchedOn, Command::EnableOperation)
-                if self.cycles_in_state > self.behaviour.power_on_cycles =>
+                if self.cycles_in_state > self.behaviour.power_on_cycles
+                    && self.has_released_brake() =>
             {
                 self.enter_operation();
             }

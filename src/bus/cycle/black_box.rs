@@ -68,6 +68,9 @@ pub enum AxisIncident {
     Fault,
     /// The drive no longer answers: the axis counts as lost.
     Lost,
+    /// It has left its window although its brake is closed and its power gone
+    /// ([`Snapshot::slipped`](crate::axis::Snapshot::slipped)).
+    Slipped,
 }
 
 /// The last cycles of an axis.
@@ -88,6 +91,7 @@ impl fmt::Display for BlackBox {
         let what = match self.incident {
             Some(AxisIncident::Fault) => "has a fault",
             Some(AxisIncident::Lost) => "counts as lost",
+            Some(AxisIncident::Slipped) => "has slipped on its brake",
             None => "was asked about",
         };
         write!(

@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use crate::{
     Referencing,
-    axis::{Deadlines, Loss, Tolerances},
+    axis::{Brake, Deadlines, Loss, OutputBrake, Tolerances},
     bus::{clocks::DistributedClock, expected::Expected},
-    coe::{AnyObject, DriveId, ErrorTexts},
+    coe::{AnyObject, DriveId, ErrorTexts, obj},
     drives::{DriveDescription, FurtherObject},
-    ds402::Mode,
+    ds402::{DigitalInput, Mode},
     parameters::{StartUpLines, StartUpList},
     pdo_map::{Direction, Layout, Mapping, MappingError},
     profile_position::{Limits, PositionRange},
@@ -59,6 +59,8 @@ pub struct AxisConfig {
     pub(in crate::bus) modulo: Option<Turn>,
     /// Whether its quick stop may let it coast.
     pub(in crate::bus) coasts: bool,
+    pub(in crate::bus) brake: Option<Brake>,
+    is_vertical: bool,
     outputs: Vec<FurtherObject>,
     inputs: Vec<FurtherObject>,
 }
@@ -273,6 +275,8 @@ impl AxisConfig {
             limits: None,
             modulo: None,
             coasts: false,
+            brake: None,
+            is_vertical: false,
             outputs: Vec::new(),
             inputs: Vec::new(),
         }
@@ -291,6 +295,19 @@ impl AxisConfig {
                  nothing is to be checked, say `None`",
                 self.name, range.min, range.max
             ));
+        }
+        if let Some(Brake::Output(brake)) = &self.brake {
+            if let Some(mistake) = brake_mistake(brake, &self.deadlines) {
+                return Some(format!("`brake` of axis `{}`: {mistake}", self.name));
+            }
+            if self.is_vertical && !brake.is_set_by_drive {
+                return Some(format!(
+                    "axis `{}` is vertical, and its brake is on an output: the host closes it too late in a fault, a loss or at its own end. Let \
+                     the drive manage the brake, or have it close this output in a fault and when its process data stop, and say so \
+                     (`OutputBrake::set_by_drive`)",
+                    self.name
+                ));
+            }
         }
         match self.modulo {
             Some(Turn::These(turn)) if turn.length().is_none() => Some(format!(
@@ -436,6 +453,44 @@ impl AxisConfig {
         self
     }
 
+    /// What holds it without power. With a brake on an output of the drive `enable()` ends once that is open, and it is closed before the power
+    /// goes. Its output, and its feedback if there is one, are mapped; the mask 60FEh:2 must enable the output
+    /// ([`DriveFault::BrakeMasked`](crate::bus::DriveFault::BrakeMasked)), and quick stop must leave the axis powered: 605Ah = 5 to 8
+    /// ([`DriveFault::BrakeNeedsPower`](crate::bus::DriveFault::BrakeNeedsPower)).
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// use servocrab::{AxisConfig, DriveConfig, axis::OutputBrake, coe::obj, drives, ds402::DigitalOutput, parameters::StartUpWrite};
+    /// let ms = Duration::from_millis;
+    /// let brake = OutputBrake::new(DigitalOutput::SetBrake, ms(100), ms(50));
+    /// let drive = DriveConfig::new(drives::generic())
+    ///     .axis(AxisConfig::new("table").brake(brake))
+    ///     .start_up(StartUpWrite::new(obj::DIGITAL_OUTPUTS_MASK, 1))
+    ///     .start_up(StartUpWrite::new(obj::QUICK_STOP_OPTION, 6));
+    /// ```
+    #[must_use]
+    pub fn brake(mut self, brake: impl Into<Brake>) -> Self {
+        let brake = brake.into();
+        if let Brake::Output(output) = &brake {
+            self.outputs
+                .push(FurtherObject::required(obj::DIGITAL_OUTPUTS));
+            if output.feedback.is_some() {
+                self.inputs
+                    .push(FurtherObject::required(obj::DIGITAL_INPUTS));
+            }
+        }
+        self.brake = Some(brake);
+        self
+    }
+
+    /// Its load hangs: without power and brake it falls. A brake on an output is refused then, unless
+    /// [the drive closes it too](crate::axis::OutputBrake::set_by_drive).
+    #[must_use]
+    pub const fn vertical(mut self) -> Self {
+        self.is_vertical = true;
+        self
+    }
+
     /// Makes it a modulo axis: its positions begin again at the end of the drive's position range 607Bh, which is read when it attaches.
     #[must_use]
     pub const fn modulo(mut self) -> Self {
@@ -448,6 +503,23 @@ impl AxisConfig {
     pub const fn modulo_over(mut self, turn: PositionRange) -> Self {
         self.modulo = Some(Turn::These(turn));
         self
+    }
+}
+
+/// Longer than any brake takes to open.
+const LONGEST_RELEASE: Duration = Duration::from_secs(60);
+
+/// What is wrong with the declaration of a brake.
+fn brake_mistake(brake: &OutputBrake, deadlines: &Deadlines) -> Option<&'static str> {
+    let has_input = |(input, _): (DigitalInput, bool)| input.mask().is_some();
+    if brake.output.mask().is_none() || !brake.feedback.is_none_or(has_input) {
+        Some("60FDh and 60FEh have the bits 0 to 31")
+    } else if brake.set >= deadlines.disable {
+        Some("its `set` time must be shorter than the deadline `disable`")
+    } else if brake.release >= LONGEST_RELEASE {
+        Some("its `release` time must be shorter than a minute")
+    } else {
+        None
     }
 }
 

@@ -4,10 +4,12 @@ use std::{rc::Rc, time::Duration};
 
 use super::{
     config::{AxisConfig, DriveConfig, Turn},
-    held_outputs::HeldOutputs,
+    held_outputs::{Brakes, HeldOutputs},
 };
 use crate::{
-    axis::{AxisFields, BoxFuture, CoreConfig, Loss, ParameterAccess, Tolerances},
+    axis::{
+        AxisFields, BoxFuture, Brake, CoreConfig, Loss, OutputBrake, ParameterAccess, Tolerances,
+    },
     bus::{
         clocks::Clocks,
         error::{AtStep, BringUpStep, DriveFault, StepError},
@@ -175,7 +177,8 @@ impl Drive {
         if is_first_start {
             let offsets = self.axes.iter().map(|axis| axis.offset);
             let lists = &self.config.start_up;
-            self.held = HeldOutputs::read(&self.layout, offsets, lists, sdo).await?;
+            let brakes = Brakes::of(&self.config);
+            self.held = HeldOutputs::read(&self.layout, offsets, lists, &brakes, sdo).await?;
         }
         Ok(())
     }
@@ -296,6 +299,7 @@ impl Drive {
         config.referencing = axis.referencing;
         config.loss = axis.loss.unwrap_or(self.loss);
         config.tolerances = axis.tolerances.unwrap_or_default();
+        config.brake = axis.brake;
         config
     }
 
@@ -389,6 +393,10 @@ impl Drive {
             due.read_into(&mut defaults.profile_type, obj::MOTION_PROFILE_TYPE)
                 .await?;
         }
+        if let Some(Brake::Output(brake)) = &axis.brake {
+            let quick_stop = config.quick_stop;
+            check_brake(&due, axis, brake, quick_stop).await?;
+        }
         self.read_limits(&due, axis, ready).await
     }
 
@@ -412,6 +420,26 @@ impl Drive {
             Reading::Rest => ready.settle_limits(axis),
         }
     }
+}
+
+/// A brake on an output can be closed before the power goes, and the drive lets the host set that output.
+async fn check_brake(
+    due: &Due<'_>,
+    axis: &AxisConfig,
+    brake: &OutputBrake,
+    quick_stop: QuickStopOption,
+) -> Result<(), StepError> {
+    let (bit, _) = brake.bit();
+    let mask = due.read_if_it_can_be(obj::DIGITAL_OUTPUTS_MASK).await?;
+    if let Some(mask) = mask.flatten().filter(|mask| mask & bit == 0) {
+        let axis = axis.name.clone();
+        return Err(DriveFault::BrakeMasked { axis, mask, bit }).at(BringUpStep::Parameters);
+    }
+    if due.reading == Reading::Rest && !quick_stop.stays_in_quick_stop_active() {
+        let (axis, option) = (axis.name.clone(), quick_stop.0);
+        return Err(DriveFault::BrakeNeedsPower { axis, option }).at(BringUpStep::Parameters);
+    }
+    Ok(())
 }
 
 impl ReadyAxis {

@@ -3,10 +3,12 @@
 //! What the drive holds is read in PREOP, once its start-up lists are written. Set-points, targets and commands belong to the axes, which
 //! begin with 0. A brake bit is set whatever the drive held, and in the drive before anything can enable its output.
 
+use super::config::DriveConfig;
 use crate::{
+    axis::Brake,
     bus::error::{AtStep, BringUpStep, DriveFault, StepError},
-    coe::{AxisOffset, DriveError, ObjectAddress, SdoError, SdoHandle},
-    parameters::{StartUpLines, StartUpList, Transition, is_brake, is_parameter},
+    coe::{AxisOffset, DriveError, ObjectAddress, SdoError, SdoHandle, obj},
+    parameters::{StartUpLines, StartUpList, Transition, is_parameter},
     pdo_map::{BitRange, Direction, Layout},
 };
 
@@ -15,6 +17,60 @@ const OF_SET_POINT: [u16; 5] = [0x6081, 0x6082, 0x6083, 0x6084, 0x6086];
 
 /// What is mapped below stands for the padding of a data type (CiA 301, static data types).
 const FIRST_OBJECT: u16 = 0x1000;
+
+/// The brakes of a drive that are on its outputs.
+#[derive(Debug, Clone, Default)]
+pub(in crate::bus) struct Brakes(Vec<DeclaredBrake>);
+
+/// A brake that the program has declared.
+#[derive(Debug, Clone, Copy)]
+struct DeclaredBrake {
+    object: ObjectAddress,
+    bit: u32,
+    set_level: bool,
+}
+
+impl Brakes {
+    /// Those that the axes of a drive are declared with.
+    pub fn of(config: &DriveConfig) -> Self {
+        let axes = config.axes.iter().zip(&config.description.axes);
+        let brakes = axes.filter_map(|(axis, description)| {
+            let Some(Brake::Output(brake)) = &axis.brake else {
+                return None;
+            };
+            let (bit, set_level) = brake.bit();
+            Some(DeclaredBrake {
+                object: obj::DIGITAL_OUTPUTS.offset(description.offset).address(),
+                bit,
+                set_level,
+            })
+        });
+        Self(brakes.collect())
+    }
+
+    /// Closes those that this value of an object would open: the declared ones, and bit 0 of each 60FEh:1.
+    fn set(&self, object: ObjectAddress, value: &mut [u8]) {
+        if let Some(lowest) = value.first_mut().filter(|_| is_brake(object)) {
+            *lowest |= 1;
+        }
+        for brake in self.0.iter().filter(|brake| brake.object == object) {
+            for (byte, bits) in value.iter_mut().zip(brake.bit.to_le_bytes()) {
+                *byte = if brake.set_level {
+                    *byte | bits
+                } else {
+                    *byte & !bits
+                };
+            }
+        }
+    }
+
+    /// Whether this value of an object opens one of them.
+    pub fn are_opened_by(&self, object: ObjectAddress, value: &[u8]) -> bool {
+        let mut set = value.to_vec();
+        self.set(object, &mut set);
+        set != value
+    }
+}
 
 /// The outputs of a drive as they go out from the first frame on, and again after a recovery.
 #[derive(Debug, Clone, Default)]
@@ -30,6 +86,7 @@ impl HeldOutputs {
         layout: &Layout,
         axes: impl Iterator<Item = AxisOffset> + Clone,
         lists: &[StartUpList],
+        brakes: &Brakes,
         sdo: &SdoHandle,
     ) -> Result<Self, StepError> {
         let mut held = vec![0; layout.output_bytes()];
@@ -46,9 +103,7 @@ impl HeldOutputs {
                 continue;
             }
             let mut value = value_of(object, lists, sdo).await?;
-            if is_brake(object) {
-                set_brake(&mut value);
-            }
+            brakes.set(object, &mut value);
             write(&mut held, place, &value);
             if matches!(object.index, 0x2000..=0x5FFF) || is_digital_output(object.index) {
                 write(&mut at_the_end, place, &[0xFF; 32]);
@@ -80,12 +135,13 @@ impl HeldOutputs {
 pub(super) async fn set_brakes(
     layout: &Layout,
     lists: &[StartUpList],
+    brakes: &Brakes,
     sdo: &SdoHandle,
 ) -> Result<(), StepError> {
     let objects = layout.objects(Direction::Outputs);
     for (object, _) in objects.filter(|(object, _)| is_brake(*object)) {
         let mut value = value_of(object, lists, sdo).await?;
-        set_brake(&mut value);
+        brakes.set(object, &mut value);
         sdo.write_bytes(object.index, object.subindex, value)
             .await
             .at(BringUpStep::Parameters)?;
@@ -122,10 +178,9 @@ fn is_digital_output(index: u16) -> bool {
     (0x6000..=0x9FFF).contains(&index) && (index - 0x6000) % AxisOffset::PROFILE_STEP == 0x00FE
 }
 
-fn set_brake(value: &mut [u8]) {
-    if let Some(lowest) = value.first_mut() {
-        *lowest |= 1;
-    }
+/// Whether bit 0 of the object is a brake: 60FEh:1 of any axis (CiA 402, "set brake").
+fn is_brake(object: ObjectAddress) -> bool {
+    is_digital_output(object.index) && object.subindex == 1
 }
 
 /// Puts a value of any length at a place of any length.
@@ -161,7 +216,9 @@ mod tests {
         device.0.borrow_mut().objects.insert((0x60FE, 1), shown);
         let mut outputs = vec![0; layout.output_bytes()];
         let axes = core::iter::once(AxisOffset::default());
-        let held = rig.run(async move { HeldOutputs::read(&layout, axes, &[], &sdo).await });
+        let held = rig.run(async move {
+            HeldOutputs::read(&layout, axes, &[], &Brakes::default(), &sdo).await
+        });
         held.unwrap().begin(&mut outputs);
         assert_eq!(outputs[19..], [1, 0, 5, 0]);
     }

@@ -43,7 +43,7 @@ use crate::{
 };
 use config::{DriveConfig, Watchdog};
 use drive::Drive;
-use held_outputs::HeldOutputs;
+use held_outputs::{Brakes, HeldOutputs};
 use io::IoConfig;
 use io_points::{Image, IoPoint, Piece};
 use progress::Progress;
@@ -321,10 +321,14 @@ impl Device {
             place.is_some()
         };
         let lines = StartUpLines::all(&self.start_up);
-        if let Some(error) = lines.opens_brake(|at| is_output(&drive.layout, at)) {
+        let brakes = Brakes::of(&drive.config);
+        let opens = |object, value: &[u8]| {
+            is_output(&drive.layout, object) && brakes.are_opened_by(object, value)
+        };
+        if let Some(error) = lines.opens_brake(opens) {
             return Err(error).at(BringUpStep::StartUpList);
         }
-        held_outputs::set_brakes(&drive.layout, &self.start_up, &sdo).await?;
+        held_outputs::set_brakes(&drive.layout, &self.start_up, &brakes, &sdo).await?;
         let step = BringUpStep::StartUpList;
         let lines = StartUpLines::of(&self.start_up, Transition::PreOpToSafeOp);
         let [scaling, values] = lines.scaling_first();

@@ -5,8 +5,8 @@ use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 use crate::{
     Failure, StopRequest,
     axis::{
-        AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, Command, CommandId,
-        GroupQueue, Groups, Inputs, LivenessWatch, Reattach,
+        AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, Brake, Command,
+        CommandId, GroupQueue, Groups, Inputs, LivenessWatch, Reattach,
     },
     bus::{
         cycle::{
@@ -55,14 +55,14 @@ struct RunningAxis {
     drive: usize,
     core: AxisCore,
     port: AxisPort,
-    /// Its brake, where its outputs hold that.
-    brake: Option<Brake>,
+    /// Its brake, where its outputs hold that and its core does not set it.
+    brake: Option<UndeclaredBrake>,
     /// How far it is on its way to be disabled for good.
     leaving: Leaving,
 }
 
-/// A brake that goes with the process data: bit 0 of 60FEh:1.
-struct Brake {
+/// A brake that goes with the process data and that the program opens and closes: bit 0 of 60FEh:1.
+struct UndeclaredBrake {
     bit: BitRange,
     /// It is set, and no handle opens it any more.
     is_set_for_good: bool,
@@ -132,6 +132,7 @@ impl Axes {
                 let (source, mut port) = setup.open(&core);
                 port.know_counters();
                 sources.push(source);
+                let is_declared = matches!(axis.config.brake, Some(Brake::Output(_)));
                 let brake = drive.layout.find(
                     Direction::Outputs,
                     axis.offset.apply(obj::DIGITAL_OUTPUTS.index()),
@@ -141,11 +142,13 @@ impl Axes {
                     drive: place,
                     core,
                     port,
-                    brake: brake.map(|outputs| Brake {
-                        bit: BitRange { bits: 1, ..outputs },
-                        is_set_for_good: false,
-                        patience: axis.config.deadlines.standstill,
-                    }),
+                    brake: brake
+                        .filter(|_| !is_declared)
+                        .map(|outputs| UndeclaredBrake {
+                            bit: BitRange { bits: 1, ..outputs },
+                            is_set_for_good: false,
+                            patience: axis.config.deadlines.standstill,
+                        }),
                     leaving: Leaving::No,
                 });
             }
@@ -431,10 +434,7 @@ impl RunningAxis {
             self.leaving = Leaving::No;
             return false;
         }
-        let is_powered = matches!(
-            self.core.state(),
-            State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
-        );
+        let is_powered = self.core.state().holds_axis();
         let brake = self.brake.as_mut().filter(|_| is_powered);
         self.leaving = match (self.leaving, brake) {
             (Leaving::Disabled, _) => return false,

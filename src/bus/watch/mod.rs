@@ -362,6 +362,7 @@ struct ShownState {
     state: State,
     halted: bool,
     lost: bool,
+    slipped: bool,
 }
 
 impl TransitionLog {
@@ -385,6 +386,7 @@ impl TransitionLog {
             state: snapshot.state,
             halted: snapshot.halted,
             lost: snapshot.lost,
+            slipped: snapshot.slipped,
         };
         let before = seen.replace(new);
         if before != Some(new) {
@@ -427,6 +429,8 @@ impl ShownState {
             Some(AxisIncident::Lost)
         } else if self.state.is_fault() && !before.state.is_fault() {
             Some(AxisIncident::Fault)
+        } else if self.slipped && !before.slipped {
+            Some(AxisIncident::Slipped)
         } else {
             None
         }
@@ -470,6 +474,9 @@ fn note_changes(
             },
             false => AxisChange::State,
         });
+    }
+    if snapshot.slipped && before.is_some_and(|seen| !seen.slipped) {
+        note(AxisChange::Slipped);
     }
     if before.is_some_and(|seen| seen.halted != snapshot.halted) {
         let commands_operation = snapshot.controlword.contains(Controlword::ENABLE_OPERATION);

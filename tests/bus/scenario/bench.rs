@@ -333,6 +333,7 @@ fn rounded(position: i32) -> i32 {
 
 fn in_words(error: &AxisError) -> String {
     match &error.kind {
+        AxisErrorKind::HomingMethod { method, .. } => format!("no {method:?}"),
         AxisErrorKind::Failed(Failure::Timeout { waiting_for, .. }) => {
             format!("Timeout {waiting_for:?}")
         }

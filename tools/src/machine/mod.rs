@@ -365,6 +365,33 @@ mod tests {
     }
 
     #[test]
+    fn an_axis_says_what_brake_it_has() {
+        let axis = |more: &str| {
+            let text = format!(
+                "[[device]]\nname = \"x\"\nvendor = 1\nproduct = 2\nrevision = 3\nkind = \"generic\"\n\
+                 axes = [{{ name = \"x\"{more} }}]"
+            );
+            let machine = Machine::from_toml(&text)?;
+            Ok::<_, Failure>(format!("{:?}", machine.devices[0].axes[0].declare()))
+        };
+        let plain = axis("").unwrap();
+        assert!(plain.contains("brake: None"), "{plain}");
+        let managed = axis(", vertical = true, brake = \"drive\"").unwrap();
+        assert!(managed.contains("brake: Some(DriveManaged)"), "{managed}");
+        assert!(managed.contains("is_vertical: true"), "{managed}");
+        let on_output = axis(
+            ", brake = { bit = 16, release_ms = 120, set_ms = 60, released_by_one = true, feedback = 17 }",
+        )
+        .unwrap();
+        for part in ["Bit(16)", "120ms", "60ms", "set_by_one: false", "Bit(17)"] {
+            assert!(on_output.contains(part), "{part}: {on_output}");
+        }
+        assert!(axis(", brake = { bit = 16 }").is_err());
+        let alone = axis(", unit = \"mm\"").unwrap_err().to_string();
+        assert!(alone.contains("belong together"), "{alone}");
+    }
+
+    #[test]
     fn a_file_that_cannot_be_meant_is_refused_with_the_reason() {
         let device = "[[device]]\nname = \"x\"\nvendor = 1\nproduct = 2\nrevision = 3\n";
         for (text, why) in [

@@ -1,8 +1,13 @@
 //! The axes of a `machine.toml` and their units.
 
+use std::time::Duration;
+
 use serde::Deserialize;
+
 use servocrab::{
     AxisConfig,
+    axis::{Brake, OutputBrake},
+    ds402::{DigitalInput, DigitalOutput},
     units::{Degree, Mm, Ratio, Scale, ScaleMismatch},
 };
 
@@ -17,9 +22,11 @@ pub(crate) struct Axis {
     /// So many of its units are a revolution of the drive's shaft.
     per_revolution: Option<Ratio>,
     scale_mismatch: ScaleMismatch,
+    is_vertical: bool,
+    brake: Option<Brake>,
 }
 
-/// As a file has it: the name alone of an axis in counts, or its unit as well.
+/// As a file has it: the name alone of an axis in counts, or what else is said of it.
 #[derive(Deserialize)]
 #[serde(
     untagged,
@@ -27,20 +34,84 @@ pub(crate) struct Axis {
 )]
 enum Written {
     Name(String),
-    WithUnit(WithUnit),
+    InFull(InFull),
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct WithUnit {
+struct InFull {
     name: String,
-    unit: Unit,
-    counts: u64,
+    unit: Option<Unit>,
+    counts: Option<u64>,
     #[serde(default = "one")]
     per: u64,
     per_revolution: Option<f64>,
     #[serde(default)]
     scale_mismatch: Mismatch,
+    #[serde(default)]
+    vertical: bool,
+    brake: Option<WrittenBrake>,
+}
+
+/// Managed by the drive, or on an output of it.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(untagged)]
+enum WrittenBrake {
+    Managed(Managed),
+    Output(OnOutput),
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Managed {
+    Drive,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OnOutput {
+    bit: u8,
+    release_ms: u32,
+    set_ms: u32,
+    #[serde(default)]
+    released_by_one: bool,
+    feedback: Option<u8>,
+    #[serde(default)]
+    inverted_feedback: bool,
+    #[serde(default)]
+    set_by_drive: bool,
+}
+
+impl WrittenBrake {
+    fn declared(self) -> Brake {
+        let OnOutput {
+            bit,
+            release_ms,
+            set_ms,
+            released_by_one,
+            feedback,
+            inverted_feedback,
+            set_by_drive,
+        } = match self {
+            Self::Managed(Managed::Drive) => return Brake::DriveManaged,
+            Self::Output(brake) => brake,
+        };
+        let time = |ms: u32| Duration::from_millis(ms.into());
+        let output = DigitalOutput::Bit(bit);
+        let mut brake = OutputBrake::new(output, time(release_ms), time(set_ms));
+        if released_by_one {
+            brake = brake.released_by_one();
+        }
+        brake = match feedback.map(DigitalInput::Bit) {
+            None => brake,
+            Some(input) if inverted_feedback => brake.inverted_feedback(input),
+            Some(input) => brake.feedback(input),
+        };
+        if set_by_drive {
+            brake = brake.set_by_drive();
+        }
+        brake.into()
+    }
 }
 
 #[derive(Clone, Copy, Default, Deserialize)]
@@ -70,13 +141,21 @@ impl Axis {
             units: Units::Counts,
             per_revolution: None,
             scale_mismatch: ScaleMismatch::Refuse,
+            is_vertical: false,
+            brake: None,
         }
     }
 
     /// The axis as a drive of the network has it.
     pub(crate) fn declare(&self) -> AxisConfig {
         let axis = self.units.declare(AxisConfig::new(&self.name));
-        let axis = axis.scale_mismatch(self.scale_mismatch);
+        let mut axis = axis.scale_mismatch(self.scale_mismatch);
+        if self.is_vertical {
+            axis = axis.vertical();
+        }
+        if let Some(brake) = self.brake {
+            axis = axis.brake(brake);
+        }
         match self.per_revolution {
             Some(units) => axis.units_per_revolution(units),
             None => axis,
@@ -88,25 +167,36 @@ impl TryFrom<Written> for Axis {
     type Error = String;
 
     fn try_from(written: Written) -> Result<Self, String> {
-        let WithUnit {
+        let InFull {
             name,
             unit,
             counts,
             per,
             per_revolution,
             scale_mismatch,
+            vertical,
+            brake,
         } = match written {
             Written::Name(name) => return Ok(Self::named(name)),
-            Written::WithUnit(axis) => axis,
+            Written::InFull(axis) => axis,
         };
         let wrong = |error| format!("axis \"{name}\": {error}");
-        let ratio = Ratio::new(counts, per).map_err(wrong)?;
         let per_revolution = per_revolution.map(Ratio::try_from).transpose();
         let per_revolution = per_revolution.map_err(wrong)?;
-        let scale = Scale::counts_per_unit(ratio);
-        let units = match unit {
-            Unit::Mm => Units::Mm(scale),
-            Unit::Degree => Units::Degree(scale),
+        let units = match (unit, counts) {
+            (None, None) => Units::Counts,
+            (Some(unit), Some(counts)) => {
+                let scale = Scale::counts_per_unit(Ratio::new(counts, per).map_err(wrong)?);
+                match unit {
+                    Unit::Mm => Units::Mm(scale),
+                    Unit::Degree => Units::Degree(scale),
+                }
+            }
+            _ => {
+                return Err(format!(
+                    "axis \"{name}\": unit = and counts = belong together"
+                ));
+            }
         };
         Ok(Self {
             name,
@@ -117,6 +207,8 @@ impl TryFrom<Written> for Axis {
                 Mismatch::Warn => ScaleMismatch::Warn,
                 Mismatch::Write => ScaleMismatch::Write,
             },
+            is_vertical: vertical,
+            brake: brake.map(WrittenBrake::declared),
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::super::{Behaviour, Machine, Plant, State};
+use super::super::{Behaviour, Machine, MachineBrake, Opener, Plant, State};
 use super::Bench;
 
 /// One g at 1000 counts a millimetre.
@@ -14,7 +14,7 @@ fn lift() -> Behaviour {
     let mut behaviour = Behaviour::generic();
     behaviour.machine = Machine {
         gravity: GRAVITY,
-        brake: Some(CLOSES_IN),
+        brake: Some(MachineBrake::new(CLOSES_IN)),
         ends: Some((-200_000, i64::MAX)),
         ..Machine::default()
     };
@@ -26,6 +26,14 @@ impl Bench {
     fn outputs(&mut self, outputs: i64, mask: i64) {
         self.axis.set(0x60FE, 1, outputs).unwrap();
         self.axis.set(0x60FE, 2, mask).unwrap();
+    }
+
+    /// Switches it on, and commands Operation enabled.
+    fn asks_for_operation(&mut self) {
+        for word in [0x0006, 0x0007, 0x000F] {
+            self.word(word);
+            self.run(2);
+        }
     }
 }
 
@@ -120,4 +128,100 @@ fn without_power_the_spring_holds_the_load() {
     bench.run(200);
     assert!(bench.axis.is_braked());
     assert_eq!(bench.axis.mechanical_position(), 0);
+}
+
+/// Where the load was in each cycle, as far below its start.
+fn fallen(bench: &mut Bench, cycles: u32) -> i64 {
+    let start = bench.axis.mechanical_position();
+    let mut deepest = 0;
+    for _ in 0..cycles {
+        bench.run(1);
+        deepest = deepest.max(start - bench.axis.mechanical_position());
+    }
+    deepest
+}
+
+fn managed() -> Behaviour {
+    let mut behaviour = lift();
+    behaviour.machine.brake = Some(MachineBrake {
+        opens_in: Duration::from_millis(30),
+        opened_by: Opener::Drive,
+        feedback: Some(17),
+        ..MachineBrake::new(CLOSES_IN)
+    });
+    behaviour
+}
+
+#[test]
+fn a_drive_opens_its_brake_before_it_shows_operation_enabled_and_carries_the_load_until_it_is_closed()
+ {
+    let mut bench = Bench::new(managed());
+    bench.asks_for_operation();
+    bench.run(20);
+    assert_eq!(bench.axis.state(), State::SwitchedOn);
+    assert!(bench.axis.is_braked());
+    bench.run(20);
+    assert_eq!(bench.axis.state(), State::OperationEnabled);
+    assert!(!bench.axis.is_braked());
+    assert_eq!(bench.axis.get(0x60FD, 0), Some(1 << 17));
+    bench.word(0x0000);
+    bench.run(10);
+    assert_eq!(bench.axis.state(), State::SwitchOnDisabled);
+    assert!(!bench.axis.is_braked());
+    assert_eq!(fallen(&mut bench, 200), 0);
+    assert!(bench.axis.is_braked());
+    assert_eq!(bench.axis.get(0x60FD, 0), Some(0));
+}
+
+#[test]
+fn without_its_supply_a_drive_carries_nothing_until_the_brake_has_closed() {
+    let mut bench = Bench::new(managed());
+    bench.asks_for_operation();
+    bench.run(100);
+    bench.axis.set_inhibited(true);
+    let fallen = fallen(&mut bench, 200);
+    // ½ g t² of 50 ms, and the cycles around it.
+    assert!((11_000..14_000).contains(&fallen), "{fallen}");
+}
+
+#[test]
+fn a_brake_that_sticks_stays_as_it_is() {
+    let mut bench = Bench::new(managed());
+    bench.axis.disturbances().brake_sticks = true;
+    bench.asks_for_operation();
+    bench.run(200);
+    assert_eq!(bench.axis.state(), State::SwitchedOn);
+    bench.axis.disturbances().brake_sticks = false;
+    bench.run(100);
+    assert_eq!(bench.axis.state(), State::OperationEnabled);
+    bench.axis.disturbances().brake_sticks = true;
+    bench.word(0x0000);
+    assert!(fallen(&mut bench, 300) > 100_000);
+    assert!(!bench.axis.is_braked());
+}
+
+#[test]
+fn a_brake_on_a_makers_output_opens_by_its_level_and_its_drive_may_close_it() {
+    for closed_by_drive in [false, true] {
+        let mut behaviour = lift();
+        behaviour.machine.brake = Some(MachineBrake {
+            opens_in: Duration::from_millis(30),
+            opened_by: Opener::Output {
+                bit: 16,
+                level: true,
+                closed_by_drive,
+            },
+            ..MachineBrake::new(CLOSES_IN)
+        });
+        let mut bench = Bench::new(behaviour);
+        bench.enable();
+        bench.outputs(1 << 16, 1 << 16);
+        bench.run(29);
+        assert!(bench.axis.is_braked());
+        bench.run(2);
+        assert!(!bench.axis.is_braked());
+        bench.axis.inject_fault(0x2310);
+        bench.run(200);
+        assert_eq!(bench.axis.is_braked(), closed_by_drive);
+    }
 }
