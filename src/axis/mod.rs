@@ -43,6 +43,7 @@ pub(crate) use snapshot::SnapshotChange;
 pub use crate::handle::{
     ArmedProbe, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
     AxisStatistics, BoxFuture, ContinuousProbe, Edge, GroupQueue, Groups, InputField, Liveness,
-    LivenessWatch, MotionEnd, NoParameters, OutputField, ParameterAccess, Probe, ProbeError,
-    ProbeRequest, Probed, ProbedEdge, Sampled, Stale, StartTogether, StopHandle,
+    LivenessWatch, MotionEnd, NoParameters, OutputField, Pair, PairError, PairMove, Pairing,
+    ParameterAccess, Probe, ProbeError, ProbeRequest, Probed, ProbedEdge, Sampled, SkewReport,
+    Stale, StartTogether, StopHandle,
 };

@@ -8,6 +8,7 @@ use core::{
     task::{Context, Poll},
     time::Duration,
 };
+use std::sync::Arc;
 
 use crate::{
     Failure, HomingParameters,
@@ -18,7 +19,10 @@ use crate::{
     units::{AxisUnit, Counts},
 };
 
-use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pending::Pending};
+use super::{
+    Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, parameters::Claim, pending::Pending,
+    stops::LastStop,
+};
 
 /// The lease of an axis in homing mode, from [`Axis::homing`].
 ///
@@ -54,7 +58,14 @@ use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pending::Pen
 #[derive(Debug)]
 pub struct Homing<U: AxisUnit = Counts> {
     axis: Axis<U>,
-    _lease: Lease,
+    _lease: Arc<Lease>,
+}
+
+/// A homing whose parameters its drive holds.
+pub(super) struct PreparedHoming<'a> {
+    command: HomingCommand,
+    claim: Claim<'a>,
+    asked: LastStop,
 }
 
 /// Where an axis is, now that it knows.
@@ -80,14 +91,18 @@ impl<U: AxisUnit> Axis<U> {
     pub async fn homing(&self) -> Result<Homing<U>, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::Homing).await?;
-        Ok(Homing {
-            axis: self.clone(),
-            _lease: lease,
-        })
+        Ok(Homing::new(self.clone(), Arc::new(lease)))
     }
 }
 
 impl<U: AxisUnit> Homing<U> {
+    pub(super) const fn new(axis: Axis<U>, lease: Arc<Lease>) -> Self {
+        Self {
+            axis,
+            _lease: lease,
+        }
+    }
+
     /// The axis.
     #[must_use]
     pub const fn axis(&self) -> &Axis<U> {
@@ -184,6 +199,16 @@ impl<U: AxisUnit> Homing<U> {
         parameters: HomingParameters,
         until: Option<Duration>,
     ) -> Result<Pending, AxisError> {
+        let prepared = self.prepare(parameters, until).await?;
+        self.start(prepared)
+    }
+
+    /// Writes the parameters.
+    pub(super) async fn prepare(
+        &self,
+        parameters: HomingParameters,
+        until: Option<Duration>,
+    ) -> Result<PreparedHoming<'_>, AxisError> {
         let handles = &self.axis.handles;
         // A stop that comes while parameters are being written stops this homing as well.
         let asked = handles.shared.stops.last();
@@ -202,8 +227,18 @@ impl<U: AxisUnit> Homing<U> {
             offset,
             until,
         };
-        let pending = self.axis.submit_asked(Command::Home(command), asked)?;
-        claim.sent(&pending);
+        Ok(PreparedHoming {
+            command,
+            claim,
+            asked,
+        })
+    }
+
+    /// Asks for the homing.
+    pub(super) fn start(&self, prepared: PreparedHoming<'_>) -> Result<Pending, AxisError> {
+        let command = Command::Home(prepared.command);
+        let pending = self.axis.submit_asked(command, prepared.asked)?;
+        prepared.claim.sent(&pending);
         Ok(pending)
     }
 
@@ -311,7 +346,7 @@ impl<U: AxisUnit> Homing<U> {
 }
 
 /// The position in counts.
-async fn homed(pending: &Pending) -> Result<i32, AxisError> {
+pub(super) async fn homed(pending: &Pending) -> Result<i32, AxisError> {
     match pending.done().await? {
         Completion::Homed { position } => Ok(position),
         // A homing has no other way to end well.

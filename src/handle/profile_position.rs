@@ -55,15 +55,12 @@ use super::{
 #[derive(Debug)]
 pub struct ProfilePosition<U: AxisUnit = Counts> {
     pub(super) axis: Axis<U>,
-    _lease: Lease,
+    pub(super) lease: Arc<Lease>,
 }
 
 impl<U: AxisUnit> ProfilePosition<U> {
-    pub(super) const fn new(axis: Axis<U>, lease: Lease) -> Self {
-        Self {
-            axis,
-            _lease: lease,
-        }
+    pub(super) const fn new(axis: Axis<U>, lease: Arc<Lease>) -> Self {
+        Self { axis, lease }
     }
 
     /// The axis.
