@@ -150,6 +150,10 @@ async fn square_and_move(gantry: &Pair<Mm>) -> Result<(), AxisError> {
     Ok(())
 }
 
+fn is_skew(error: &AxisError) -> bool {
+    matches!(&error.kind, AxisErrorKind::Pair(error) if matches!(**error, PairError::Skew { .. }))
+}
+
 /// The second side jams in the middle of a move: both are stopped.
 async fn run_into_a_jam(gantry: &Pair<Mm>, jam: &AtomicBool) -> Result<(), AxisError> {
     let motion = gantry.move_abs(FAR, fast()).await?;
@@ -158,7 +162,7 @@ async fn run_into_a_jam(gantry: &Pair<Mm>, jam: &AtomicBool) -> Result<(), AxisE
     }
     jam.store(true, Ordering::Relaxed);
     match motion.done().await {
-        Err(error) if matches!(error.kind, AxisErrorKind::Pair(PairError::Skew { .. })) => {
+        Err(error) if is_skew(&error) => {
             say!("jammed, and stopped: {}", error.reason());
             let [one, other] = gantry.status().map(|side| side.position);
             say!("they stand at {one:.2} mm and {other:.2} mm");

@@ -125,6 +125,8 @@ mod pages {
     mod own_drive {}
     #[doc = include_str!("../docs/guide/probe.md")]
     mod probe {}
+    #[doc = include_str!("../docs/guide/gantry.md")]
+    mod gantry {}
     #[doc = include_str!("../docs/guide/service.md")]
     mod service {}
 }

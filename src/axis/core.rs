@@ -614,35 +614,19 @@ impl AxisCore {
         self.known.observed.stands()
     }
 
-    /// The strongest stop that is under way.
-    pub(crate) fn stop_under_way(&self) -> StopRequest {
-        self.machines.stopping.under_way()
-    }
-
-    /// What stops an axis that is not to move while this one cannot: nothing while this one may move.
-    pub(crate) fn stop_of_partner(&self) -> StopRequest {
-        let is_enabled = self
-            .machines
-            .is_stepped_in(self.known.observed.statusword().state());
-        let modes = &self.machines.modes;
-        let is_in_doubt = modes.sequencer.needs_stop() || modes.homing.is_unknown();
+    /// The strongest stop that is under way; and what stops an axis that is not to move while this one cannot: nothing while this one may
+    /// move.
+    pub(crate) fn stops(&self) -> [StopRequest; 2] {
+        let machines = &self.machines;
+        let under_way = machines.stopping.under_way();
+        let is_enabled = machines.is_stepped_in(self.known.observed.state());
+        let is_in_doubt =
+            machines.modes.sequencer.needs_stop() || machines.modes.homing.is_unknown();
         if is_enabled && !is_in_doubt && !self.known.observed.link.lost {
-            self.stop_under_way()
+            [under_way, under_way]
         } else {
-            StopRequest::QUICK_STOP
+            [under_way, StopRequest::QUICK_STOP]
         }
-    }
-
-    /// Whether its drive has something that moves it, or may have.
-    pub(crate) fn has_motion(&self) -> bool {
-        self.machines.modes.has_motion()
-    }
-
-    /// 6064h, where it came in with the last cycle.
-    pub(crate) fn fresh_position(&self) -> Option<i32> {
-        let observed = &self.known.observed;
-        let is_fresh = observed.link.answered && !observed.link.lost;
-        observed.sample.filter(|_| is_fresh).map(|s| s.position)
     }
 
     /// What the drive held when it was attached last.

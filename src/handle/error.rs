@@ -358,7 +358,7 @@ pub enum AxisErrorKind {
     Probe(ProbeError),
     /// Two axes cannot be a pair, or their pair cannot go on.
     #[error("{0}")]
-    Pair(PairError),
+    Pair(Box<PairError>),
     /// The caller waited no longer; nothing was stopped by that.
     #[error(
         "no outcome within {within:?} (statusword {statusword}, controlword {controlword}); it goes on, unless it is stopped"

@@ -10,6 +10,8 @@ use core::{
 };
 use std::sync::Arc;
 
+use smol::future::zip;
+
 use crate::{
     Failure, HomingParameters,
     axis::{Command, Completion, Delivery, ParameterFault, WaitingFor},
@@ -62,7 +64,7 @@ pub struct Homing<U: AxisUnit = Counts> {
 }
 
 /// A homing whose parameters its drive holds.
-pub(super) struct PreparedHoming<'a> {
+struct PreparedHoming<'a> {
     command: HomingCommand,
     claim: Claim<'a>,
     asked: LastStop,
@@ -96,7 +98,7 @@ impl<U: AxisUnit> Axis<U> {
 }
 
 impl<U: AxisUnit> Homing<U> {
-    pub(super) const fn new(axis: Axis<U>, lease: Arc<Lease>) -> Self {
+    const fn new(axis: Axis<U>, lease: Arc<Lease>) -> Self {
         Self {
             axis,
             _lease: lease,
@@ -204,7 +206,7 @@ impl<U: AxisUnit> Homing<U> {
     }
 
     /// Writes the parameters.
-    pub(super) async fn prepare(
+    async fn prepare(
         &self,
         parameters: HomingParameters,
         until: Option<Duration>,
@@ -235,7 +237,7 @@ impl<U: AxisUnit> Homing<U> {
     }
 
     /// Asks for the homing.
-    pub(super) fn start(&self, prepared: PreparedHoming<'_>) -> Result<Pending, AxisError> {
+    fn start(&self, prepared: PreparedHoming<'_>) -> Result<Pending, AxisError> {
         let command = Command::Home(prepared.command);
         let pending = self.axis.submit_asked(command, prepared.asked)?;
         prepared.claim.sent(&pending);
@@ -346,7 +348,7 @@ impl<U: AxisUnit> Homing<U> {
 }
 
 /// The position in counts.
-pub(super) async fn homed(pending: &Pending) -> Result<i32, AxisError> {
+async fn homed(pending: &Pending) -> Result<i32, AxisError> {
     match pending.done().await? {
         Completion::Homed { position } => Ok(position),
         // A homing has no other way to end well.
@@ -355,6 +357,32 @@ pub(super) async fn homed(pending: &Pending) -> Result<i32, AxisError> {
             Err(pending.error(kind))
         }
     }
+}
+
+/// Homes two axes at once: the parameters of both are written before either begins. Gives what `begin` gives, and how both have ended. A
+/// homing that is dropped stops its axis.
+pub(super) async fn home_together<U: AxisUnit, T>(
+    axes: [&Axis<U>; 2],
+    leases: &[Arc<Lease>; 2],
+    parameters: [HomingParameters<U>; 2],
+    begin: impl FnOnce() -> T,
+) -> Result<(T, [Result<i32, AxisError>; 2]), AxisError> {
+    let [one, other] = [0, 1].map(|n: usize| Homing::new(axes[n].clone(), Arc::clone(&leases[n])));
+    let in_counts = |homing: &Homing<U>, parameters: HomingParameters<U>| {
+        let axis = homing.axis();
+        let counts = parameters.in_counts(&axis.unit.scale);
+        counts.map_err(|error| axis.scale_error(error))
+    };
+    let [first, second] = parameters;
+    let (first, second) = (in_counts(&one, first)?, in_counts(&other, second)?);
+    let prepared = zip(one.prepare(first, None), other.prepare(second, None)).await;
+    let prepared = (prepared.0?, prepared.1?);
+    let begun = begin();
+    let mut pending = (one.start(prepared.0)?, other.start(prepared.1)?);
+    pending.0.end_on_drop();
+    pending.1.end_on_drop();
+    let (one, other) = zip(homed(&pending.0), homed(&pending.1)).await;
+    Ok((begun, [one, other]))
 }
 
 /// A homing, and the wait for its end. Dropped after bit 4 rose it stops the axis (bit 8, then quick stop).

@@ -22,10 +22,10 @@ use crate::{
 };
 
 use super::{
-    Axis, AxisError, AxisErrorKind, AxisIdentity, AxisSet, Homing, Move, MoveRequest, Outcome,
+    Axis, AxisError, AxisErrorKind, AxisIdentity, AxisSet, Move, MoveRequest, Outcome,
     ProfilePosition, StopHandle,
     axis::Lease,
-    homing::homed,
+    homing::home_together,
     shared::Shared,
     start_together::start_together,
     stops::{LastStop, StopKind},
@@ -125,7 +125,7 @@ struct PairShared {
     stop: f64,
     /// By how much the first is ahead where they are square. NaN where that is not known.
     zero: Length,
-    /// The skew in the last cycle that showed both; NaN where there is none.
+    /// The skew in the last cycle that showed both, without a squaring; NaN where there is none.
     skew: Length,
     /// The limit of the squaring that is under way; NaN where none is.
     squaring: Length,
@@ -251,7 +251,7 @@ impl PairWatch {
     fn is_over(&self, axes: &mut impl AxisSet) -> bool {
         self.pair.over.load(Ordering::Acquire)
             && self
-                .read(axes, AxisCore::has_motion)
+                .read(axes, moves)
                 .is_none_or(|moves| moves == [false; 2])
     }
 
@@ -265,18 +265,18 @@ impl PairWatch {
     }
 
     fn watch(&mut self, now: Duration, axes: &mut impl AxisSet) -> Option<SkewReport> {
-        let positions = self.read(axes, AxisCore::fresh_position)?;
-        let moves = self.read(axes, AxisCore::has_motion)?.contains(&true);
+        let positions = self.read(axes, fresh_position)?;
+        let is_moving = self.read(axes, moves)?.contains(&true);
         let skew = self.skew(positions);
         let limit = self
             .squaring
             .as_ref()
             .map_or(self.pair.stop, |squaring| squaring.limit);
-        let report = skew.and_then(|skew| self.judge(skew, limit, moves));
-        if !moves {
+        let report = skew.and_then(|skew| self.judge(skew, limit, is_moving));
+        if !is_moving {
             return report;
         }
-        let [one, other] = self.read(axes, AxisCore::stop_of_partner)?;
+        let [one, other] = self.read(axes, |core| core.stops()[1])?;
         let mut stop = if one.bits() > other.bits() {
             one
         } else {
@@ -287,8 +287,8 @@ impl PairWatch {
         }
         for axis in &self.pair.axes {
             let (core, outputs) = axes.axis(axis.shared.setup.index)?;
-            let goes_on = core.stop_under_way().bits() < stop.bits();
-            if goes_on && core.has_motion() && core.takes_stops() {
+            let [under_way, _] = core.stops();
+            if under_way.bits() < stop.bits() && moves(core) && core.takes_stops() {
                 if stop != StopRequest::HALT {
                     // What was asked for before does not begin after it.
                     axis.shared.stops.note(StopKind::Stop);
@@ -307,23 +307,22 @@ impl PairWatch {
         let [first, second] = &self.pair.axes;
         let at = [first.is_at(one), second.is_at(other)];
         let limit = self.pair.squaring.get();
-        let skew = if limit.is_nan() {
+        if limit.is_nan() {
             self.squaring = None;
-            at[0] - at[1] - self.pair.zero.get()
-        } else {
-            let begin = || Squaring {
-                limit,
-                last: at,
-                way: [0.0; 2],
-            };
-            self.squaring.get_or_insert_with(begin).follow(at)
+            let skew = readable(at[0] - at[1] - self.pair.zero.get());
+            self.pair.skew.set(skew);
+            return Some(skew);
+        }
+        let begin = || Squaring {
+            limit,
+            last: at,
+            way: [0.0; 2],
         };
-        self.pair.skew.set(skew);
-        Some(skew)
+        Some(self.squaring.get_or_insert_with(begin).follow(at))
     }
 
     /// What is to be said of this skew.
-    fn judge(&mut self, skew: f64, limit: f64, moves: bool) -> Option<SkewReport> {
+    fn judge(&mut self, skew: f64, limit: f64, is_moving: bool) -> Option<SkewReport> {
         let pair = &self.pair;
         let (size, warn) = (skew.abs(), pair.warn);
         let report = |limit, stopped| {
@@ -335,7 +334,7 @@ impl PairWatch {
                 stopped,
             })
         };
-        if size > limit && moves && pair.exceeded.get().is_nan() {
+        if size > limit && is_moving && pair.exceeded.get().is_nan() {
             pair.exceeded.set(skew);
             self.is_warned = true;
             return report(limit, true);
@@ -351,6 +350,17 @@ impl PairWatch {
     }
 }
 
+/// Whether its drive has something that moves it, or may have.
+fn moves(core: &AxisCore) -> bool {
+    core.snapshot().has_set_point
+}
+
+/// 6064h, where it came in with the last cycle.
+fn fresh_position(core: &AxisCore) -> Option<i32> {
+    let snapshot = core.snapshot();
+    (snapshot.answered && !snapshot.lost).then_some(snapshot.position)
+}
+
 impl Squaring {
     /// The difference of the two ways. A step of one cycle beyond the limit is no way: the drive has set its position.
     fn follow(&mut self, at: [f64; 2]) -> f64 {
@@ -362,8 +372,13 @@ impl Squaring {
             *last = *at;
         }
         let [one, other] = self.way;
-        one - other
+        readable(one - other)
     }
+}
+
+/// Without the digits that only a sum of fractions has.
+fn readable(length: f64) -> f64 {
+    (length * 1e6).round() / 1e6
 }
 
 // The program's side.
@@ -395,13 +410,15 @@ impl<U: AxisUnit> Pairing<U> {
     pub fn skew(self, warn: U::Signed, stop: U::Signed) -> Result<Pair<U>, AxisError> {
         let [one, other] = self.0;
         let shared = [&one, &other].map(|axis| Arc::clone(&axis.handles.shared));
-        let refused = |error| shared[0].error(AxisErrorKind::Pair(error));
+        let refused = |error| shared[0].error(AxisErrorKind::Pair(Box::new(error)));
         let (warn, stop): (f64, f64) = (warn.into(), stop.into());
         if !(warn > 0.0 && warn < stop && stop.is_finite()) {
             return Err(refused(PairError::Limits { warn, stop }));
         }
         let groups = &shared[0].setup.groups;
-        if Arc::ptr_eq(&shared[0], &shared[1]) || !groups.is(&shared[1].setup.groups) {
+        if Arc::ptr_eq(&shared[0], &shared[1])
+            || !Arc::ptr_eq(groups.pairs(), shared[1].setup.groups.pairs())
+        {
             return Err(refused(PairError::NotTwo));
         }
         let turns = shared.iter().any(|of| of.notes.settings().turn.is_some());
@@ -440,9 +457,10 @@ impl<U: AxisUnit> Pairing<U> {
             paired,
             is_starting: AtomicBool::new(false),
             axes: [
-                ProfilePosition::new(one, lease),
-                ProfilePosition::new(other, other_lease),
+                ProfilePosition::new(one, Arc::clone(&lease)),
+                ProfilePosition::new(other, Arc::clone(&other_lease)),
             ],
+            leases: [lease, other_lease],
         })))
     }
 }
@@ -486,6 +504,7 @@ struct Both<U: AxisUnit> {
     /// Whether a motion was asked for that may be sent, and that no snapshot shows yet.
     is_starting: AtomicBool,
     axes: [ProfilePosition<U>; 2],
+    leases: [Arc<Lease>; 2],
 }
 
 impl<U: AxisUnit> Pair<U> {
@@ -494,7 +513,7 @@ impl<U: AxisUnit> Pair<U> {
     /// # Errors
     /// As [`Axis::enable`], of the first that fails.
     pub async fn enable(&self) -> Result<(), AxisError> {
-        let enabled = self.on_both(|axis| axis.enable()).await;
+        let enabled = self.on_both(Axis::enable).await;
         if enabled.is_err() {
             // The reason is that of the enable.
             let _ = self.disable().await;
@@ -507,7 +526,7 @@ impl<U: AxisUnit> Pair<U> {
     /// # Errors
     /// As [`Axis::disable`].
     pub async fn disable(&self) -> Result<(), AxisError> {
-        self.on_both(|axis| axis.disable()).await
+        self.on_both(Axis::disable).await
     }
 
     /// Both out of Fault; it enables none.
@@ -515,7 +534,7 @@ impl<U: AxisUnit> Pair<U> {
     /// # Errors
     /// As [`Axis::reset_fault`].
     pub async fn reset_fault(&self) -> Result<(), AxisError> {
-        self.on_both(|axis| axis.reset_fault()).await
+        self.on_both(Axis::reset_fault).await
     }
 
     /// Pauses both by bit 8; resolves when both stand.
@@ -523,7 +542,7 @@ impl<U: AxisUnit> Pair<U> {
     /// # Errors
     /// As [`Axis::halt`].
     pub async fn halt(&self) -> Result<(), AxisError> {
-        self.on_both(|axis| axis.halt()).await
+        self.on_both(Axis::halt).await
     }
 
     /// Both go on after a halt, in one frame.
@@ -609,7 +628,7 @@ impl<U: AxisUnit> Pair<U> {
     /// changes by more than that, it counts as set by its drive. Dropped, it stops both.
     ///
     /// # Errors
-    /// As [`Homing::home`], and [`AxisErrorKind::Pair`] with [`PairError::Skew`] or [`PairError::SquaringLimit`]. After an error from when
+    /// As [`Homing::home`](crate::Homing::home), and [`AxisErrorKind::Pair`] with [`PairError::Skew`] or [`PairError::SquaringLimit`]. After an error from when
     /// the homings began the pair is [`PairError::NotSquare`].
     pub async fn square(
         &self,
@@ -621,31 +640,17 @@ impl<U: AxisUnit> Pair<U> {
             return Err(self.refused(PairError::SquaringLimit(limit)));
         }
         self.select(Mode::Homing).await?;
-        let [one, other] = self.0.axes.each_ref().map(|axis| {
-            let lease = Arc::clone(&axis.lease);
-            Homing::new(axis.axis.clone(), lease)
-        });
-        let prepare = async |homing: &Homing<U>, parameters: HomingParameters<U>| {
-            let axis = homing.axis();
-            let counts = parameters.in_counts(&axis.unit.scale);
-            counts.map_err(|error| axis.scale_error(error))
+        let begin = || {
+            self.begin();
+            SquaringGuard::begin(&self.0.paired, limit)
         };
-        let [first, second] = homings;
-        let (first, second) = (prepare(&one, first).await?, prepare(&other, second).await?);
-        let prepared = zip(one.prepare(first, None), other.prepare(second, None)).await;
-        let prepared = (prepared.0?, prepared.1?);
-
-        self.begin();
-        let squaring = SquaringGuard::begin(&self.0.paired, limit);
-        let (mut one, mut other) = (one.start(prepared.0)?, other.start(prepared.1)?);
-        one.end_on_drop();
-        other.end_on_drop();
-        let results = zip(homed(&one), homed(&other)).await;
-        self.both(results.0, results.1)?;
+        let (squaring, [one, other]) =
+            home_together(self.axes(), &self.0.leases, homings, begin).await?;
+        self.both(one, other)?;
         squaring.end();
         self.0.is_starting.store(false, Ordering::Release);
-        let [one, other] = self.status().map(|status| status.position.into());
-        let skew: f64 = one - other;
+        let [one, other]: [f64; 2] = self.status().map(|status| status.position.into());
+        let skew = readable(one - other);
         Ok(U::signed(skew as i32, skew))
     }
 
@@ -674,7 +679,7 @@ impl<U: AxisUnit> Pair<U> {
 
     fn refused(&self, error: PairError) -> AxisError {
         let shared = &self.axes()[0].handles.shared;
-        shared.error(AxisErrorKind::Pair(error))
+        shared.error(AxisErrorKind::Pair(Box::new(error)))
     }
 
     /// A motion begins: what has stopped an earlier one is not its error.
@@ -788,11 +793,12 @@ impl<U: AxisUnit> Both<U> {
             squaring
         };
         let shared = &self.axes[0].axis().handles.shared;
-        shared.error(AxisErrorKind::Pair(PairError::Skew {
+        let error = PairError::Skew {
             skew,
             limit,
             unit: U::NAME,
-        }))
+        };
+        shared.error(AxisErrorKind::Pair(Box::new(error)))
     }
 }
 
@@ -826,6 +832,7 @@ struct SquaringGuard<'a>(&'a PairShared);
 impl<'a> SquaringGuard<'a> {
     fn begin(paired: &'a PairShared, limit: f64) -> Self {
         paired.zero.set(f64::NAN);
+        paired.skew.set(f64::NAN);
         paired.squaring.set(limit);
         Self(paired)
     }
@@ -838,6 +845,8 @@ impl<'a> SquaringGuard<'a> {
 
 impl Drop for SquaringGuard<'_> {
     fn drop(&mut self) {
+        // The bus thread gives the next one once it sees the end.
+        self.0.skew.set(f64::NAN);
         self.0.squaring.set(f64::NAN);
     }
 }

@@ -55,12 +55,15 @@ use super::{
 #[derive(Debug)]
 pub struct ProfilePosition<U: AxisUnit = Counts> {
     pub(super) axis: Axis<U>,
-    pub(super) lease: Arc<Lease>,
+    _lease: Arc<Lease>,
 }
 
 impl<U: AxisUnit> ProfilePosition<U> {
     pub(super) const fn new(axis: Axis<U>, lease: Arc<Lease>) -> Self {
-        Self { axis, lease }
+        Self {
+            axis,
+            _lease: lease,
+        }
     }
 
     /// The axis.

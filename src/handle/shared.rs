@@ -195,7 +195,7 @@ impl Shared {
     /// One axis of a pair is not moved alone.
     pub fn check_unpaired(&self) -> Result<(), AxisError> {
         if self.paired.load(Ordering::Acquire) {
-            return Err(self.error(AxisErrorKind::Pair(PairError::Paired)));
+            return Err(self.error(AxisErrorKind::Pair(Box::new(PairError::Paired))));
         }
         Ok(())
     }

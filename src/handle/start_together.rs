@@ -53,7 +53,7 @@ struct Queues {
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
-    pairs: PairQueues,
+    pairs: Arc<PairQueues>,
 }
 
 #[derive(Debug)]
@@ -111,19 +111,14 @@ impl GroupQueue {
                 submits: Mutex::new(()),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
-                pairs: PairQueues::new(),
+                pairs: Arc::new(PairQueues::new()),
             }),
         }
     }
 
-    /// Where pairs are handed over.
-    pub(super) fn pairs(&self) -> &PairQueues {
+    /// Where pairs of axes that one bus thread steps are handed over.
+    pub(super) fn pairs(&self) -> &Arc<PairQueues> {
         &self.queues.pairs
-    }
-
-    /// Whether the axes of both are stepped by one bus thread.
-    pub(super) fn is(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.queues, &other.queues)
     }
 
     /// The bus thread's end. There is to be one.

@@ -104,11 +104,11 @@ fn a_line_of_slow_drives_takes_hardly_longer_than_one_drives_own_accesses() {
     }
     // Both assignments and four PDOs, each with its number of entries: what is right already is not written. Of each axis the three
     // parameters of the profile that the outputs overwrite. In OP of each axis the window, option codes 605Ah to 605Eh, velocity
-    // windows 606Dh to 6070h, supported modes, the end velocity (since the last handle's drop stops an axis that goes on at it), six
-    // limits, whether it is homed, and 6007h read, written and read back.
+    // windows 606Dh to 6070h, following error 6065h and 6066h, supported modes, the end velocity (since the last handle's drop stops an
+    // axis that goes on at it), six limits, whether it is homed, and 6007h read, written and read back.
     let mapping = 2 * (1 + 2) + 2 * (1 + 6) + 2 * (1 + 4);
     assert_eq!(alone.mails_to_op, mapping + 2 * 3);
-    let of_motion = 1 + 5 + 4 + 1 + 1 + 6 + 1 + 3;
+    let of_motion = 1 + 5 + 4 + 2 + 1 + 1 + 6 + 1 + 3;
     assert_eq!(alone.messages - alone.mails_to_op, 2 * of_motion);
 }
 
