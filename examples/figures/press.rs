@@ -27,7 +27,7 @@ pub(crate) fn contact() -> Result {
     let positions = line.until(ram.profile_position())?;
     let slowly = SetPoint::new()
         .velocity(20.0)
-        .acceleration(2_000.0)
+        .acceleration(200.0)
         .deceleration(2_000.0)
         .until_torque(FORCE, Duration::from_millis(10));
     let _motion = line.until(positions.move_abs(20.0, slowly))?;
