@@ -127,6 +127,8 @@ mod pages {
     mod probe {}
     #[doc = include_str!("../docs/guide/brake.md")]
     mod brake {}
+    #[doc = include_str!("../docs/guide/gantry.md")]
+    mod gantry {}
     #[doc = include_str!("../docs/guide/service.md")]
     mod service {}
 }

@@ -5,8 +5,12 @@
 mod cable;
 mod chart;
 mod clocks;
+mod gantry;
+mod line;
 #[path = "../picture/mod.rs"]
 mod picture;
+mod press;
+mod probe;
 mod scaling;
 
 use std::{
@@ -66,6 +70,9 @@ fn main() -> Result {
     akd2g_bit_9()?;
     ax2000_handshake()?;
     clocks::phase_after_power_on()?;
+    gantry::one_side_jams()?;
+    press::contact()?;
+    probe::edges()?;
     scaling::shortest_cycle()
 }
 

@@ -3,7 +3,9 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::{Mode, QuickStopOption, StopOptions, SupportedModes, VelocityWindows},
+    ds402::{
+        FollowingErrorWindow, Mode, QuickStopOption, StopOptions, SupportedModes, VelocityWindows,
+    },
     profile_position::{Bounds, Limits, Parameters, PositionRange, Traits},
 };
 
@@ -48,6 +50,8 @@ pub struct CoreConfig {
     pub stop_options: StopOptions,
     /// Windows and times of the velocity, 606Dh to 6070h, as read from the drive. They are shown and decide nothing.
     pub velocity_windows: VelocityWindows,
+    /// Following error window and time out, 6065h and 6066h, as read from the drive. They are shown and decide nothing.
+    pub following_error_window: FollowingErrorWindow,
     /// What moves use for the parameters that they leave out: what the drive held when the axis attached.
     pub defaults: Parameters,
     /// What moves are checked against before they are sent: what the drive held when the axis attached. With a mailbox
@@ -81,6 +85,7 @@ impl CoreConfig {
             quick_stop: QuickStopOption(2),
             stop_options: StopOptions::default(),
             velocity_windows: VelocityWindows::default(),
+            following_error_window: FollowingErrorWindow::default(),
             defaults: Parameters::default(),
             limits: Limits::trust_drive(),
             modulo: None,
@@ -306,6 +311,9 @@ pub struct DriveSettings {
     pub stop_options: StopOptions,
     /// Windows and times of the velocity, 606Dh to 6070h.
     pub velocity_windows: VelocityWindows,
+    /// Following error window and time out, 6065h and 6066h, which are read where the axis has a
+    /// [warning](crate::AxisConfig::following_error_warning) that must be below them.
+    pub following_error_window: FollowingErrorWindow,
     /// Supported drive modes 6502h. None where the drive has no such object.
     pub supported_modes: Option<SupportedModes>,
     /// One turn of a modulo axis; none of other axes.
@@ -323,6 +331,7 @@ impl DriveSettings {
             quick_stop: config.quick_stop,
             stop_options: config.stop_options,
             velocity_windows: config.velocity_windows,
+            following_error_window: config.following_error_window,
             supported_modes: config.supported_modes,
             turn: config.modulo,
             traits: config.traits,

@@ -655,6 +655,21 @@ impl AxisCore {
         self.known.observed.stands()
     }
 
+    /// The strongest stop that is under way; and what stops an axis that is not to move while this one cannot: nothing while this one may
+    /// move.
+    pub(crate) fn stops(&self) -> [StopRequest; 2] {
+        let machines = &self.machines;
+        let under_way = machines.stopping.under_way();
+        let is_enabled = machines.is_stepped_in(self.known.observed.state());
+        let is_in_doubt =
+            machines.modes.sequencer.needs_stop() || machines.modes.homing.is_unknown();
+        if is_enabled && !is_in_doubt && !self.known.observed.link.lost {
+            [under_way, under_way]
+        } else {
+            [under_way, StopRequest::QUICK_STOP]
+        }
+    }
+
     /// What the drive held when it was attached last.
     pub(crate) fn drive_settings(&self) -> super::DriveSettings {
         super::DriveSettings::of(&self.known.config.0)

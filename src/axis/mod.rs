@@ -45,7 +45,7 @@ pub(crate) use snapshot::SnapshotChange;
 pub use crate::handle::{
     ArmedProbe, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
     AxisStatistics, BoxFuture, ContinuousProbe, Edge, GroupQueue, Groups, InputBit, InputField,
-    LimitedTorque, Liveness, LivenessWatch, MotionEnd, NoParameters, OutputBit, OutputField,
-    ParameterAccess, Probe, ProbeError, ProbeRequest, Probed, ProbedEdge, Sampled, Stale,
-    StartTogether, StopHandle, TorqueLimit,
+    LimitedTorque, Liveness, LivenessWatch, MotionEnd, NoParameters, OutputBit, OutputField, Pair,
+    PairError, PairMove, Pairing, ParameterAccess, Probe, ProbeError, ProbeRequest, Probed,
+    ProbedEdge, Sampled, SkewReport, Stale, StartTogether, StopHandle, TorqueLimit,
 };

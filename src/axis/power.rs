@@ -12,11 +12,11 @@ use crate::{
 use super::{brake::HoldingBrake, machines::Step};
 
 /// Edges of bit 7 that one reset sends at most.
-pub(super) const RESET_EDGES: u8 = 3;
+const RESET_EDGES: u8 = 3;
 
 /// How long bit 7 stays low between two edges: some drives stop answering when it toggles faster than about ten times a
 /// second (seen in a public master for real drives).
-pub(super) const RESET_PAUSE: Duration = Duration::from_millis(100);
+const RESET_PAUSE: Duration = Duration::from_millis(100);
 
 /// Where the axis is led to.
 #[derive(Debug, Clone, Copy, Hash)]

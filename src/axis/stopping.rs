@@ -11,6 +11,8 @@ use crate::{
     timer::{Due, Elapsed, Timer, UntilSeen, nanoseconds},
 };
 
+#[cfg(feature = "std")]
+use super::command::StopRequest;
 use super::{deceleration::DecelerationMonitor, machines::Step, power::is_down};
 
 /// Commands that can wait for one standstill.
@@ -151,6 +153,19 @@ impl Stopping {
 
     pub const fn is_active(&self) -> bool {
         !matches!(self.phase, StopPhase::None)
+    }
+
+    /// The strongest stop that is under way.
+    #[cfg(feature = "std")]
+    pub const fn under_way(&self) -> StopRequest {
+        match self.phase {
+            StopPhase::None if self.halt.is_on => StopRequest::HALT,
+            StopPhase::None => StopRequest::empty(),
+            StopPhase::Halting { .. } => StopRequest::STOP,
+            StopPhase::Quick { .. } | StopPhase::Settling { .. } | StopPhase::Off { .. } => {
+                StopRequest::QUICK_STOP
+            }
+        }
     }
 
     /// Whether anybody waits for the axis to stand, or a stop is under way.

@@ -445,6 +445,19 @@ pub enum DriveFault {
         /// The axis' name.
         axis: String,
     },
+    /// Its drive has a fault before the following error is as high as the program wants to be warned of.
+    #[error(
+        "axis {axis} is to be warned of at a following error of {warning} counts, but its drive has a fault at {window} (6065h): warn earlier, \
+         or raise 6065h in the start-up list"
+    )]
+    LateWarning {
+        /// The axis' name.
+        axis: String,
+        /// What was declared, in counts.
+        warning: u32,
+        /// Following error window 6065h.
+        window: u32,
+    },
     /// The declared scale of an axis and what its drive says of its units contradict each other.
     #[error(
         "the scale of axis {axis} and the drive disagree, {difference}: correct one of them, or choose with `AxisConfig::scale_mismatch` \

@@ -3,7 +3,7 @@
 use std::{fmt, sync::Arc};
 
 use crate::{
-    axis::WorkingCounter,
+    axis::{AxisIdentity, SkewReport, WorkingCounter},
     bus::{
         cycle::black_box::BlackBox,
         error::{AlStatus, RegisterError},
@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Something that happened to a drive of a running network.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum NetworkEvent {
     /// It no longer answers; its axes count as lost.
@@ -34,6 +34,21 @@ pub enum NetworkEvent {
     /// The working counter of a datagram stays wrong although its devices answer: whose outputs are delivered is not known, and their axes
     /// count as lost. With what the registers of each device show.
     Miscounted(Arc<Miscounted>),
+    /// The following error of an axis (60F4h) is beyond its declared level
+    /// ([`AxisConfig::following_error_warning`](crate::AxisConfig::following_error_warning)). It comes again once it was below half of that.
+    FollowingErrorHigh {
+        /// The axis.
+        axis: Arc<AxisIdentity>,
+        /// In the unit of the axis.
+        following_error: f64,
+        /// The level, in that unit.
+        level: f64,
+        /// That unit.
+        unit: &'static str,
+    },
+    /// The skew of a pair is beyond one of its limits ([`Pairing::skew`](crate::axis::Pairing::skew)). A warning comes again once the skew was
+    /// below half of it.
+    Skew(Arc<SkewReport>),
     /// The cycles and the reference clock of the distributed clocks.
     Clock {
         /// The SubDevice whose clock is the reference.
@@ -51,6 +66,8 @@ impl NetworkEvent {
             Self::Lost(drive) | Self::Back(drive) | Self::InOp(drive) => drive,
             Self::LeftOp { drive, .. } => drive,
             Self::AxisIncident(black_box) => &black_box.axis.drive,
+            Self::FollowingErrorHigh { axis, .. } => &axis.drive,
+            Self::Skew(report) => &report.axes[0].drive,
             Self::Miscounted(miscounted) => miscounted.suspect(),
             Self::Clock { reference, .. } => reference,
         }
@@ -65,6 +82,16 @@ impl fmt::Display for NetworkEvent {
             Self::LeftOp { drive, status } => write!(f, "{drive} has left OP: it is in {status}"),
             Self::InOp(drive) => write!(f, "{drive} is in OP again"),
             Self::AxisIncident(black_box) => write!(f, "{black_box}"),
+            Self::FollowingErrorHigh {
+                axis,
+                following_error,
+                level,
+                unit,
+            } => write!(
+                f,
+                "{axis}: its following error is {following_error} {unit}, beyond {level} {unit}"
+            ),
+            Self::Skew(report) => write!(f, "{report}"),
             Self::Miscounted(miscounted) => write!(f, "{miscounted}"),
             Self::Clock { reference, event } => write!(f, "{reference}: {event}"),
         }

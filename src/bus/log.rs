@@ -190,6 +190,8 @@ pub(super) enum LogRecord {
     },
     /// The working counter of a datagram stays wrong.
     Miscounted(Arc<Miscounted>),
+    /// A level that the program has given for an axis, or a pair, is passed.
+    Passed(NetworkEvent),
     /// A waker of the program holds up the others, or has panicked.
     Wakers(WakeStatistics),
     /// Frames of process data come back after their cycle.
@@ -289,6 +291,7 @@ impl LogRecord {
             | Self::LateFrames { .. }
             | Self::Wakers(_)
             | Self::Miscounted(_)
+            | Self::Passed(_)
             | Self::NotOnTheWayDown { .. } => Level::WARN,
         }
     }
@@ -370,6 +373,7 @@ impl LogRecord {
                 );
             }
             Self::Miscounted(miscounted) => tracing::warn!(target: BUS, ?at, "{miscounted}"),
+            Self::Passed(event) => tracing::warn!(target: AXIS, ?at, "{event}"),
             Self::Wakers(WakeStatistics {
                 slow,
                 longest,

@@ -9,7 +9,8 @@ mod words;
 
 pub use error_code::describe as describe_error_code;
 pub use mode::{
-    AbortConnection, Mode, QuickStopOption, StopOptions, SupportedModes, VelocityWindows,
+    AbortConnection, FollowingErrorWindow, Mode, QuickStopOption, StopOptions, SupportedModes,
+    VelocityWindows,
 };
 pub(crate) use words::mode_bits::{ModeBits, SetPointBits};
 pub use words::{

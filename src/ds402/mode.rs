@@ -196,6 +196,21 @@ pub struct VelocityWindows {
     pub threshold_ms: Option<u16>,
 }
 
+/// How far an axis may be behind its demand before its drive has a fault (8611h), as the drive holds it.
+///
+/// ```
+/// use servocrab::ds402::FollowingErrorWindow;
+/// let held = FollowingErrorWindow { window: Some(5_000), time_out_ms: Some(10) };
+/// assert_ne!(held, FollowingErrorWindow::default());
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FollowingErrorWindow {
+    /// Following error window 6065h, in position units. FFFFFFFFh switches the watch off.
+    pub window: Option<u32>,
+    /// Following error time out 6066h: a following error beyond the window is a fault after so many milliseconds.
+    pub time_out_ms: Option<u16>,
+}
+
 /// Abort connection option code, object 6007h (6807h): what an axis does when the process data stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum AbortConnection {

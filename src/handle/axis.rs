@@ -303,7 +303,7 @@ impl<U: AxisUnit> Axis<U> {
     pub async fn profile_position(&self) -> Result<ProfilePosition<U>, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::ProfilePosition).await?;
-        Ok(ProfilePosition::new(self.clone(), lease))
+        Ok(ProfilePosition::new(self.clone(), Arc::new(lease)))
     }
 
     /// Pauses by bit 8, keeping the set-point; resolves at standstill. [`resume`](Self::resume) goes on.
@@ -338,6 +338,7 @@ impl<U: AxisUnit> Axis<U> {
     /// [`Halted`](crate::Failure::Halted) where somebody halts it meanwhile: it stays halted. In another mode than Profile Position, and
     /// else as [`halt`](Self::halt).
     pub async fn stop_and_hold(&self) -> Result<(), AxisError> {
+        self.handles.shared.check_unpaired()?;
         let settings = self.handles.shared.notes.settings();
         let can_hold = settings.traits.check_hold(settings.turn.is_some());
         can_hold.map_err(|failure| {
@@ -359,6 +360,7 @@ impl<U: AxisUnit> Axis<U> {
     /// process data, or [`Failure::BeyondLimit`](crate::Failure::BeyondLimit) that a move would be faster than 607Fh, or
     /// [`Failure::TooSlow`](crate::Failure::TooSlow) that one would be slower than 2010h.
     pub async fn set_override(&self, factor: f64) -> Result<(), AxisError> {
+        self.handles.shared.check_unpaired()?;
         let factor = VelocityOverride::new(factor).ok_or_else(|| {
             let fault = ParameterFault::OutOfRange("0.05 to 2; to stop the axis, halt() it");
             let name = "the override";
@@ -379,8 +381,9 @@ impl<U: AxisUnit> Axis<U> {
     /// before that frame: bit 8 has not fallen.
     /// [`Failure::Disabled`](crate::Failure::Disabled) where the axis is disabled before it.
     /// [`Unsupported::Resume`](crate::profile_position::Unsupported::Resume) if the drive has forgotten its set-point; in
-    /// Fault, while not enabled, while moving, or when the bus is lost.
+    /// Fault, while not enabled, while moving, or when the bus is lost. [`PairError::Paired`](super::PairError::Paired) for one axis of a pair.
     pub async fn resume(&self) -> Result<(), AxisError> {
+        self.handles.shared.check_unpaired()?;
         self.run(Command::Resume).await?;
         self.trace("resumed");
         Ok(())
@@ -676,6 +679,7 @@ impl Lease {
     pub fn take(handles: &Handles) -> Result<Self, AxisError> {
         let shared = &handles.shared;
         if !shared.take_lease() {
+            shared.check_unpaired()?;
             return Err(shared.error(AxisErrorKind::ModeInUse));
         }
         shared.trace("mode leased");

@@ -12,7 +12,7 @@ use crate::{
     units::{AxisUnit, Counts, Scale, ScaleError},
 };
 
-use super::ProbeError;
+use super::{PairError, ProbeError};
 
 /// An operation of an axis did not end well.
 ///
@@ -373,6 +373,9 @@ pub enum AxisErrorKind {
     /// A touch probe cannot be used as it was asked for, or its drive does not do what it was told.
     #[error("{0}")]
     Probe(ProbeError),
+    /// Two axes cannot be a pair, or their pair cannot go on.
+    #[error("{0}")]
+    Pair(Box<PairError>),
     /// The caller waited no longer; nothing was stopped by that.
     #[error(
         "no outcome within {within:?} (statusword {statusword}, controlword {controlword}); it goes on, unless it is stopped"

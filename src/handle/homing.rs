@@ -10,6 +10,8 @@ use core::{
 };
 use std::sync::Arc;
 
+use smol::future::zip;
+
 use crate::{
     Failure, HomingMethod, HomingParameters,
     axis::{Command, Completion, Delivery, ParameterFault, WaitingFor},
@@ -19,7 +21,10 @@ use crate::{
     units::{AxisUnit, Counts},
 };
 
-use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pending::Pending};
+use super::{
+    Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, parameters::Claim, pending::Pending,
+    stops::LastStop,
+};
 
 /// The lease of an axis in homing mode, from [`Axis::homing`].
 ///
@@ -55,7 +60,14 @@ use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pending::Pen
 #[derive(Debug)]
 pub struct Homing<U: AxisUnit = Counts> {
     axis: Axis<U>,
-    _lease: Lease,
+    _lease: Arc<Lease>,
+}
+
+/// A homing whose parameters its drive holds.
+struct PreparedHoming<'a> {
+    command: HomingCommand,
+    claim: Claim<'a>,
+    asked: LastStop,
 }
 
 /// Where an axis is, now that it knows.
@@ -81,14 +93,18 @@ impl<U: AxisUnit> Axis<U> {
     pub async fn homing(&self) -> Result<Homing<U>, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::Homing).await?;
-        Ok(Homing {
-            axis: self.clone(),
-            _lease: lease,
-        })
+        Ok(Homing::new(self.clone(), Arc::new(lease)))
     }
 }
 
 impl<U: AxisUnit> Homing<U> {
+    const fn new(axis: Axis<U>, lease: Arc<Lease>) -> Self {
+        Self {
+            axis,
+            _lease: lease,
+        }
+    }
+
     /// The axis.
     #[must_use]
     pub const fn axis(&self) -> &Axis<U> {
@@ -186,6 +202,16 @@ impl<U: AxisUnit> Homing<U> {
         parameters: HomingParameters,
         until: Option<Duration>,
     ) -> Result<Pending, AxisError> {
+        let prepared = self.prepare(parameters, until).await?;
+        self.start(prepared)
+    }
+
+    /// Writes the parameters.
+    async fn prepare(
+        &self,
+        parameters: HomingParameters,
+        until: Option<Duration>,
+    ) -> Result<PreparedHoming<'_>, AxisError> {
         let handles = &self.axis.handles;
         // A stop that comes while parameters are being written stops this homing as well.
         let asked = handles.shared.stops.last();
@@ -205,8 +231,18 @@ impl<U: AxisUnit> Homing<U> {
             offset,
             until,
         };
-        let pending = self.axis.submit_asked(Command::Home(command), asked)?;
-        claim.sent(&pending);
+        Ok(PreparedHoming {
+            command,
+            claim,
+            asked,
+        })
+    }
+
+    /// Asks for the homing.
+    fn start(&self, prepared: PreparedHoming<'_>) -> Result<Pending, AxisError> {
+        let command = Command::Home(prepared.command);
+        let pending = self.axis.submit_asked(command, prepared.asked)?;
+        prepared.claim.sent(&pending);
         Ok(pending)
     }
 
@@ -330,6 +366,32 @@ async fn homed(pending: &Pending) -> Result<i32, AxisError> {
             Err(pending.error(kind))
         }
     }
+}
+
+/// Homes two axes at once: the parameters of both are written before either begins. Gives what `begin` gives, and how both have ended. A
+/// homing that is dropped stops its axis.
+pub(super) async fn home_together<U: AxisUnit, T>(
+    axes: [&Axis<U>; 2],
+    leases: &[Arc<Lease>; 2],
+    parameters: [HomingParameters<U>; 2],
+    begin: impl FnOnce() -> T,
+) -> Result<(T, [Result<i32, AxisError>; 2]), AxisError> {
+    let [one, other] = [0, 1].map(|n: usize| Homing::new(axes[n].clone(), Arc::clone(&leases[n])));
+    let in_counts = |homing: &Homing<U>, parameters: HomingParameters<U>| {
+        let axis = homing.axis();
+        let counts = parameters.in_counts(&axis.unit.scale);
+        counts.map_err(|error| axis.scale_error(error))
+    };
+    let [first, second] = parameters;
+    let (first, second) = (in_counts(&one, first)?, in_counts(&other, second)?);
+    let prepared = zip(one.prepare(first, None), other.prepare(second, None)).await;
+    let prepared = (prepared.0?, prepared.1?);
+    let begun = begin();
+    let mut pending = (one.start(prepared.0)?, other.start(prepared.1)?);
+    pending.0.end_on_drop();
+    pending.1.end_on_drop();
+    let (one, other) = zip(homed(&pending.0), homed(&pending.1)).await;
+    Ok((begun, [one, other]))
 }
 
 /// A homing, and the wait for its end. Dropped after bit 4 rose it stops the axis (bit 8, then quick stop).

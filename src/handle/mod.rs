@@ -4,7 +4,7 @@
 //! back in another (`queue`). Stops go beside it (`stops`). The owner of the cycle takes requests to the axis core, and brings reports
 //! and snapshots back (`port`). It takes no lock, allocates nothing and frees nothing. What it meets of the handles is in `shared`.
 //!
-//! The handles are thin layers over that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `start_together`.
+//! The handles are thin layers over that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `start_together`, `pair`.
 //!
 //! This room imports the pure ones and `wakes`; of those that need `std`, only `bus` imports it. The modules of the public interface
 //! re-export from here what belongs to them.
@@ -16,6 +16,7 @@ mod field;
 mod follow;
 mod homing;
 mod output_cells;
+mod pair;
 mod parameters;
 mod pending;
 mod port;
@@ -46,6 +47,7 @@ pub use error::{AxisError, AxisErrorKind, AxisIdentity};
 pub use field::{InputBit, InputField, OutputBit, OutputField};
 pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
 pub use homing::{Home, Homed, Homing};
+pub use pair::{Pair, PairError, PairMove, Pairing, SkewReport};
 pub use port::AxisPort;
 pub use probe::{
     ArmedProbe, ContinuousProbe, Edge, Probe, ProbeError, ProbeRequest, Probed, ProbedEdge,

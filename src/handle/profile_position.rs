@@ -55,11 +55,11 @@ use super::{
 #[derive(Debug)]
 pub struct ProfilePosition<U: AxisUnit = Counts> {
     pub(super) axis: Axis<U>,
-    _lease: Lease,
+    _lease: Arc<Lease>,
 }
 
 impl<U: AxisUnit> ProfilePosition<U> {
-    pub(super) const fn new(axis: Axis<U>, lease: Lease) -> Self {
+    pub(super) const fn new(axis: Axis<U>, lease: Arc<Lease>) -> Self {
         Self {
             axis,
             _lease: lease,

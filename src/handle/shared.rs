@@ -16,7 +16,7 @@ use crate::{
 };
 
 use super::{
-    AxisError, AxisErrorKind, AxisIdentity, AxisSetup,
+    AxisError, AxisErrorKind, AxisIdentity, AxisSetup, PairError,
     drive_notes::DriveNotes,
     output_cells::OutputCells,
     queue::Queue,
@@ -52,6 +52,8 @@ pub(super) struct Shared {
     /// Whether the program has stored anything for the bus thread since it looked last.
     pub asked: AtomicBool,
     pub closed: AtomicBool,
+    /// Whether a pair has it.
+    pub paired: AtomicBool,
 }
 
 /// What a drive may send of its axis beside what the core reads.
@@ -104,6 +106,7 @@ impl Shared {
             manufacturer: AtomicU16::new(0),
             asked: AtomicBool::new(false),
             closed: AtomicBool::new(false),
+            paired: AtomicBool::new(false),
             setup,
         }
     }
@@ -196,6 +199,14 @@ impl Shared {
             now if is_leased(now) => Err(AxisErrorKind::ModeInUse),
             _ => Err(AxisErrorKind::NotLeased),
         }
+    }
+
+    /// One axis of a pair is not moved alone.
+    pub fn check_unpaired(&self) -> Result<(), AxisError> {
+        if self.paired.load(Ordering::Acquire) {
+            return Err(self.error(AxisErrorKind::Pair(Box::new(PairError::Paired))));
+        }
+        Ok(())
     }
 
     /// Whether the axis was leased again after this lease.

@@ -17,7 +17,8 @@ use crate::{
 };
 
 use super::{
-    AxisError, AxisErrorKind, Move, MoveRequest,
+    AxisError, AxisErrorKind, Move, MoveRequest, SkewReport,
+    pair::{PairQueues, PairWatches},
     pending::Pending,
     profile_position::{CountsRequest, SplitMove},
     request::AxisRequest,
@@ -52,6 +53,7 @@ struct Queues {
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
+    pairs: Arc<PairQueues>,
 }
 
 #[derive(Debug)]
@@ -109,8 +111,14 @@ impl GroupQueue {
                 submits: Mutex::new(()),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
+                pairs: Arc::new(PairQueues::new()),
             }),
         }
+    }
+
+    /// Where pairs of axes that one bus thread steps are handed over.
+    pub(super) fn pairs(&self) -> &Arc<PairQueues> {
+        &self.queues.pairs
     }
 
     /// The bus thread's end. There is to be one.
@@ -120,6 +128,7 @@ impl GroupQueue {
             signals: Arc::clone(&self.signals),
             queues: Arc::clone(&self.queues),
             waiting: Vec::with_capacity(GROUPS),
+            pairs: PairWatches::new(),
         }
     }
 }
@@ -135,16 +144,27 @@ pub trait AxisSet {
 pub struct Groups {
     queues: Arc<Queues>,
     waiting: Vec<Arc<Group>>,
+    pairs: PairWatches,
     pub(super) signals: Arc<NetworkSignals>,
 }
 
 impl Groups {
-    /// Starts the groups of which every move has what it needs, and gives up those of which one has failed.
+    /// Starts the groups of which every move has what it needs, and gives up those of which one has failed. Then it looks after the pairs.
     ///
     /// To be called after [`AxisPort::before_send`](super::AxisPort::before_send) of every axis and right before
     /// sending: then no stop can come between the rise of one bit 4 and another.
     pub fn advance(&mut self, now: Duration, axes: &mut impl AxisSet) {
         self.signals.note_time(now);
+        self.advance_groups(now, axes);
+        self.pairs.watch(&self.queues.pairs, now, axes);
+    }
+
+    /// What was said of a pair's skew, the oldest first: once when it gets beyond a limit.
+    pub fn next_skew_report(&mut self) -> Option<SkewReport> {
+        self.pairs.next_report()
+    }
+
+    fn advance_groups(&mut self, now: Duration, axes: &mut impl AxisSet) {
         // In most cycles there is no group: to see that takes less than to ask the queue for one.
         while self.waiting.len() < GROUPS
             && !self.queues.new.is_empty()

@@ -13,7 +13,7 @@ use servocrab::{
     bus::DriveFault,
     coe::obj,
     drives::{self, DriveDescription},
-    ds402::{State, StopOptions, VelocityWindows},
+    ds402::{FollowingErrorWindow, State, StopOptions, VelocityWindows},
 };
 use servocrab_sim::{Segment, ds402, personality::Servo};
 
@@ -43,6 +43,11 @@ fn line((servo, description): Drive, held: &[(u16, i64)]) -> (Line, DriveConfig)
     }
     let drive = unhomed(description(), &["x"])
         .change_axis("x", |axis| axis.map_output(obj::TARGET_VELOCITY));
+    let drive = if held.iter().any(|(index, _)| *index == 0x6065) {
+        drive.change_axis("x", |axis| axis.following_error_warning(4_000.0))
+    } else {
+        drive
+    };
     (Line::new(segment), drive)
 }
 
@@ -88,6 +93,8 @@ fn what_the_drive_holds_is_shown_with_the_axis() {
             (0x605C, 0),
             (0x605D, 2),
             (0x605E, 1),
+            (0x6065, 5_000),
+            (0x6066, 15),
             (0x606D, 11),
             (0x606E, 12),
             (0x606F, 65_535),
@@ -110,6 +117,11 @@ fn what_the_drive_holds_is_shown_with_the_axis() {
             threshold_ms: Some(14),
         };
         assert_eq!(shown.velocity_windows, windows);
+        let lag = FollowingErrorWindow {
+            window: Some(5_000),
+            time_out_ms: Some(15),
+        };
+        assert_eq!(shown.following_error_window, lag);
         rig.shutdown();
     }
 }

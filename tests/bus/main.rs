@@ -30,6 +30,7 @@ mod modes;
 mod never_at_rest;
 mod otherwise;
 mod own_time;
+mod pair;
 mod parameters;
 mod probe;
 mod recorder;

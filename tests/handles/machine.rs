@@ -42,6 +42,8 @@ pub(crate) type Drive = Arc<Mutex<ds402::Axis>>;
 pub(crate) struct Station {
     /// No outputs come to it.
     pub(crate) deaf: bool,
+    /// Nothing comes back from it.
+    pub(crate) silent: bool,
     /// Bits that the next statusword lacks.
     pub(crate) lacks: u16,
     pub(crate) core: AxisCore,
@@ -63,7 +65,7 @@ pub(crate) struct Machine {
     pub(crate) now: Duration,
     /// Nothing comes back while this is set.
     pub(crate) silent: bool,
-    groups: Groups,
+    pub(crate) groups: Groups,
 }
 
 /// What differs from an AKD2G with its default mapping.
@@ -392,6 +394,7 @@ impl Station {
             words: Vec::new(),
             frames: Vec::new(),
             deaf: false,
+            silent: false,
             lacks: 0,
             sdo,
             layout,
@@ -428,7 +431,7 @@ impl Station {
             // What the drive refuses stays what it was, as with a PDO.
             let _ = drive.set(object.index, object.subindex, value);
         }
-        let arrived = (!silent).then_some(inputs.as_slice());
+        let arrived = (!silent && !self.silent).then_some(inputs.as_slice());
         let fresh = arrived.map_or(Inputs::Stale, Inputs::Fresh);
         self.core.step(now, fresh, &mut self.outputs);
         if let Some(port) = &mut self.port {

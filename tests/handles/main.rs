@@ -15,6 +15,7 @@ mod lease;
 mod machine;
 mod moves;
 mod outlived;
+mod pair;
 mod parameters;
 mod probe;
 mod stops;

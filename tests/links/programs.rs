@@ -340,6 +340,35 @@ fn press_arrives_where_nothing_is_in_the_way() {
 }
 
 #[test]
+fn gantry_squares_and_moves_two_drives_at_the_other_end_of_the_cable() {
+    if !inside_namespace(
+        "programs::gantry_squares_and_moves_two_drives_at_the_other_end_of_the_cable",
+    ) {
+        return;
+    }
+    let machine = ["--limit-switches", "-200000..100000000"].map(str::to_owned);
+    let simulator = program("servocrab-sim");
+    let devices = ["generic", "generic"];
+    let _line = simulated_on("slave0", &simulator, &devices, 60, &machine);
+    let said = said_by("examples/gantry");
+    assert!(said.contains("both are home"), "{said}");
+    for target in [60, 10] {
+        let at = |side: &str| {
+            side.parse()
+                .is_ok_and(|at: f64| (at - f64::from(target)).abs() < 0.01)
+        };
+        let mut lines = said.lines().filter_map(|line| line.strip_prefix("at "));
+        let is_there = lines.any(|line| {
+            let sides = line
+                .split(" and ")
+                .filter_map(|side| side.strip_suffix(" mm"));
+            sides.filter(|side| at(side)).count() == 2
+        });
+        assert!(is_there, "{said}");
+    }
+}
+
+#[test]
 fn ctrl_c_in_a_homing_stops_and_disables() {
     if !inside_namespace("programs::ctrl_c_in_a_homing_stops_and_disables") {
         return;

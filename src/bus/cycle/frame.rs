@@ -18,14 +18,14 @@ const PAYLOAD: usize = 1498;
 
 /// Datagram commands.
 pub(in crate::bus) mod command {
-    pub(in crate::bus) const NOP: u8 = 0;
-    pub(in crate::bus) const FPRD: u8 = 4;
-    pub(in crate::bus) const BRD: u8 = 7;
-    pub(in crate::bus) const BWR: u8 = 8;
-    pub(in crate::bus) const LRD: u8 = 10;
-    pub(in crate::bus) const LWR: u8 = 11;
-    pub(in crate::bus) const LRW: u8 = 12;
-    pub(in crate::bus) const FRMW: u8 = 14;
+    pub const NOP: u8 = 0;
+    pub const FPRD: u8 = 4;
+    pub const BRD: u8 = 7;
+    pub const BWR: u8 = 8;
+    pub const LRD: u8 = 10;
+    pub const LWR: u8 = 11;
+    pub const LRW: u8 = 12;
+    pub const FRMW: u8 = 14;
 }
 
 /// The source address of all our frames, so that bridges learn one for a network: unicast, and with the bit clear which the first
@@ -54,7 +54,7 @@ pub(in crate::bus) const ACYCLIC: u8 = 0xFF;
 /// one.
 const TAG_DATA: usize = 4;
 /// Bytes that the tag takes of a frame.
-pub(in crate::bus) const TAG: usize = DATAGRAM_OVERHEAD + TAG_DATA;
+const TAG: usize = DATAGRAM_OVERHEAD + TAG_DATA;
 /// Where the first datagram after the tag begins.
 pub(in crate::bus) const BEHIND_TAG: usize = HEADERS + TAG;
 /// Bytes of the tag up to the length of its data.

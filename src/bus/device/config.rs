@@ -61,6 +61,8 @@ pub struct AxisConfig {
     pub(in crate::bus) coasts: bool,
     pub(in crate::bus) brake: Option<Brake>,
     is_vertical: bool,
+    /// In its unit.
+    following_error_warning: Option<f64>,
     outputs: Vec<FurtherObject>,
     inputs: Vec<FurtherObject>,
 }
@@ -277,6 +279,7 @@ impl AxisConfig {
             coasts: false,
             brake: None,
             is_vertical: false,
+            following_error_warning: None,
             outputs: Vec::new(),
             inputs: Vec::new(),
         }
@@ -284,6 +287,15 @@ impl AxisConfig {
 
     /// What is wrong with the declaration itself.
     fn mistake(&self) -> Option<String> {
+        if let Some(warning) = self.following_error_warning
+            && self.following_error_counts().is_none()
+        {
+            return Some(format!(
+                "`following_error_warning` of axis `{}` is {warning} {}: it must be at least one count, and at most what 60F4h can show",
+                self.name,
+                self.scale.unit()
+            ));
+        }
         let limits = self
             .limits
             .map(|limits| [limits.software, limits.position_range]);
@@ -489,6 +501,30 @@ impl AxisConfig {
     pub const fn vertical(mut self) -> Self {
         self.is_vertical = true;
         self
+    }
+
+    /// Reports a following error (60F4h, which is mapped by this) beyond this level in its unit, as
+    /// [`NetworkEvent::FollowingErrorHigh`](crate::bus::NetworkEvent::FollowingErrorHigh): once, until it was below half of it. The drive
+    /// itself has a fault beyond 6065h, so a level that is not below that is refused at bring-up.
+    ///
+    /// ```
+    /// use servocrab::{AxisConfig, DriveConfig, drives};
+    /// let axis = AxisConfig::new("x").following_error_warning(500.0);
+    /// let drive = DriveConfig::new(drives::akd2g()).axis(axis);
+    /// ```
+    #[must_use]
+    pub fn following_error_warning(mut self, level: f64) -> Self {
+        if self.following_error_warning.replace(level).is_none() {
+            self.inputs
+                .push(FurtherObject::required(obj::FOLLOWING_ERROR_ACTUAL));
+        }
+        self
+    }
+
+    /// The level of that in counts; `None` where there is none, or it is none.
+    pub(in crate::bus) fn following_error_counts(&self) -> Option<u32> {
+        let counts = self.scale.scale().position(self.following_error_warning?);
+        u32::try_from(counts.ok()?).ok().filter(|&level| level > 0)
     }
 
     /// Makes it a modulo axis: its positions begin again at the end of the drive's position range 607Bh, which is read when it attaches.

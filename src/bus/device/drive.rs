@@ -49,6 +49,8 @@ pub(in crate::bus) struct ReadyAxis {
     pub offset: AxisOffset,
     pub scale: AxisScale,
     pub config: CoreConfig,
+    /// In counts: a following error beyond it is reported.
+    pub following_error_warning: Option<u32>,
     held: HeldLimits,
     /// Whether the drive shows that it is homed, where it shows that.
     pub shows_homed: Option<bool>,
@@ -159,6 +161,7 @@ impl Drive {
                 offset,
                 scale: axis.scale,
                 config: self.declared(axis, fields),
+                following_error_warning: axis.following_error_counts(),
                 held: HeldLimits::default(),
                 shows_homed: None,
             };
@@ -350,6 +353,22 @@ impl Drive {
             .await?;
         due.try_read_into(&mut windows.threshold_ms, obj::VELOCITY_THRESHOLD_TIME)
             .await?;
+        if let Some(warning) = ready.following_error_warning {
+            let lag = &mut config.following_error_window;
+            due.try_read_into(&mut lag.window, obj::FOLLOWING_ERROR_WINDOW)
+                .await?;
+            due.try_read_into(&mut lag.time_out_ms, obj::FOLLOWING_ERROR_TIME_OUT)
+                .await?;
+            if let Some(window) = lag.window.filter(|window| (1..=warning).contains(window)) {
+                let axis = axis.name.clone();
+                return Err(DriveFault::LateWarning {
+                    axis,
+                    warning,
+                    window,
+                })
+                .at(BringUpStep::Parameters);
+            }
+        }
         if let Some(modes) = due.read_if_it_can_be(obj::SUPPORTED_MODES).await? {
             config.supported_modes = modes.map(SupportedModes::from_bits_retain);
             if let Some(modes) = config.supported_modes

@@ -10,17 +10,19 @@ use crate::{
     },
     bus::{
         cycle::{
-            Drives, Stepper,
+            Answer, Drives, Stepper,
             black_box::{AxisIncident, BlackBox, RecordedAxis, RecordedCycle},
         },
         device::{Device, drive::Parameters, held_outputs::HeldOutputs},
         error::MovingAxis,
+        event::NetworkEvent,
         log::Log,
         watch::{Control, TransitionLog},
     },
     coe::obj,
     ds402::{Controlword, State},
-    pdo_map::{BitRange, Direction},
+    pdo_map::{BitRange, Direction, Field},
+    units::AxisScale,
     wakes::{Wakes, stored},
 };
 
@@ -47,6 +49,8 @@ pub(in crate::bus) struct Axes {
     transitions: TransitionLog,
     /// In the order of `axes`.
     recorded: Vec<RecordedAxis>,
+    /// Of the axes of which the program wants that.
+    lags: Vec<LagWatch>,
     control: Arc<Control>,
 }
 
@@ -59,6 +63,46 @@ struct RunningAxis {
     brake: Option<UndeclaredBrake>,
     /// How far it is on its way to be disabled for good.
     leaving: Leaving,
+}
+
+/// Watches the following error of an axis.
+struct LagWatch {
+    axis: Arc<AxisIdentity>,
+    scale: AxisScale,
+    /// The place of its drive in the exchange, and where 60F4h lies there.
+    drive: usize,
+    field: Field<i32>,
+    /// In counts.
+    level: u32,
+    is_high: bool,
+    /// The one that is still to be reported.
+    high: Option<i32>,
+}
+
+impl LagWatch {
+    fn look(&mut self, drives: &Drives) {
+        let inputs = drives.get(self.drive);
+        let fresh = inputs.filter(|drive| drive.worth() != Answer::Stale);
+        let Some(lag) = fresh.and_then(|drive| self.field.read(&drive.inputs)) else {
+            return;
+        };
+        let size = lag.unsigned_abs();
+        if size > self.level && !self.is_high {
+            (self.is_high, self.high) = (true, Some(lag));
+        } else if size <= self.level / 2 {
+            self.is_high = false;
+        }
+    }
+
+    fn take_event(&mut self) -> Option<NetworkEvent> {
+        let scale = self.scale.scale();
+        Some(NetworkEvent::FollowingErrorHigh {
+            following_error: scale.position_of(self.high.take()?),
+            axis: Arc::clone(&self.axis),
+            level: scale.position_of(self.level),
+            unit: self.scale.unit(),
+        })
+    }
 }
 
 /// A brake that goes with the process data and that the program opens and closes: bit 0 of 60FEh:1.
@@ -100,6 +144,7 @@ impl Axes {
         let mut held = Vec::new();
         let mut sources = Vec::new();
         let mut recorded = Vec::new();
+        let mut lags = Vec::new();
         let mut logged = Vec::new();
         for (place, device) in devices.iter().enumerate() {
             let (Some(drive), Some(mailbox)) = (device.as_drive(), &device.mailbox) else {
@@ -113,6 +158,20 @@ impl Axes {
                     drive: device.found.id.clone(),
                 };
                 logged.push((identity.clone(), axis.scale));
+                let lag = obj::FOLLOWING_ERROR_ACTUAL.offset(axis.offset);
+                if let Some(level) = axis.following_error_warning
+                    && let Ok(field) = drive.layout.input(lag)
+                {
+                    lags.push(LagWatch {
+                        axis: Arc::new(identity.clone()),
+                        scale: axis.scale,
+                        drive: place,
+                        field,
+                        level,
+                        is_high: false,
+                        high: None,
+                    });
+                }
                 recorded.push(RecordedAxis {
                     identity: identity.clone(),
                     drive: place,
@@ -164,6 +223,7 @@ impl Axes {
             expired: false,
             transitions: TransitionLog::new(logged.into_iter(), log),
             recorded,
+            lags,
             control,
             disabling: None,
             was_doubted: false,
@@ -280,6 +340,13 @@ impl Axes {
         stops.max().unwrap_or_default()
     }
 
+    /// Which levels were passed since the last time.
+    pub fn next_passed(&mut self) -> Option<NetworkEvent> {
+        let skew = self.groups.next_skew_report();
+        let skew = skew.map(|report| NetworkEvent::Skew(Arc::new(report)));
+        skew.or_else(|| self.lags.iter_mut().find_map(LagWatch::take_event))
+    }
+
     /// What came upon which axis since the last time.
     pub fn take_incidents(&mut self) -> Vec<(usize, AxisIncident)> {
         self.transitions.take_incidents().collect()
@@ -384,6 +451,9 @@ impl Stepper for Rc<RefCell<Axes>> {
             if let Some(snapshot) = axis.port.pass(&mut axis.core, change) {
                 this.transitions.look(now, index, &snapshot);
             }
+        }
+        for lag in &mut this.lags {
+            lag.look(drives);
         }
         this.cycles = this.cycles.wrapping_add(1);
         this.groups.count_to(this.cycles);

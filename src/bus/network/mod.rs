@@ -39,7 +39,7 @@ use super::{
 };
 use crate::{
     Axis, AxisError, Failure, StopRequest,
-    axis::{AxisSource, AxisStatistics, Liveness},
+    axis::{AxisSource, AxisStatistics, Liveness, Pairing},
     coe::{DriveHistory, DriveId, Emergencies, SdoHandle},
     units::Unit,
     wakes::Waiters,
@@ -103,6 +103,22 @@ impl Network {
     pub fn axis_in<U: Unit>(&self, name: &str) -> Result<Axis<U>, NetworkError> {
         let in_unit = self.view.source(name)?.axis_in();
         in_unit.map_err(|error| NetworkError::Declaration(error.to_string()))
+    }
+
+    /// These two axes as a pair, in the drive's own units: see [`Pair`](crate::axis::Pair) for an example.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no axis has one of these names.
+    pub fn pair(&self, one: &str, other: &str) -> Result<Pairing, NetworkError> {
+        Ok(self.axis(one)?.pair_with(self.axis(other)?))
+    }
+
+    /// These two axes as a pair, in the unit in which both were declared.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no axis has one of these names, or one was declared in another unit.
+    pub fn pair_in<U: Unit>(&self, one: &str, other: &str) -> Result<Pairing<U>, NetworkError> {
+        Ok(self.axis_in(one)?.pair_with(self.axis_in(other)?))
     }
 
     /// As [`axis`](Self::axis), for a server beside the program, such as a panel: this handle is not counted among those of the program.

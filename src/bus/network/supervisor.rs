@@ -278,6 +278,13 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
             return;
         };
         miscounts.look(context, control, &stations);
+        loop {
+            let passed = running.axes.borrow_mut().next_passed();
+            let Some(event) = passed else { break };
+            let note = LogRecord::Passed(event.clone());
+            context.log.record(context.time.now(), note);
+            control.report(event);
+        }
         // After what happened to the drives, so that one follows from the other.
         let axes = &running.axes;
         let incidents = axes.borrow_mut().take_incidents();
