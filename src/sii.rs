@@ -6,8 +6,11 @@
 use alloc::{string::String, vec::Vec};
 use core::fmt;
 
+mod image;
 #[cfg(test)]
 mod tests;
+
+pub use image::{SiiImage, SiiImageError};
 
 /// Word address of the first category.
 const FIRST_CATEGORY: usize = 0x40;

@@ -42,7 +42,7 @@ pub use description::{
     ClockDemand, ClockMode, ClockWidth, Description, Direction, Identity, Mailbox, PdoDescription,
     PdoEntryDescription, SyncManagerDescription, SyncManagerUse,
 };
-pub use device::{Blueprint, Device, Habits, ListedEntry, ListedObject};
+pub use device::{Blueprint, Device, EepromReload, Habits, ListedEntry, ListedObject};
 pub use drive::{AxisStatusObject, DriveBlueprint, PlainEntry, PlainObject};
 pub use esi_file::{EsiChoice, EsiDrive, EsiError};
 pub use faults::{Fault, FaultyWire};

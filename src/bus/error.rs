@@ -757,6 +757,24 @@ pub enum EepromError {
     /// What was read is no SII image.
     #[error(transparent)]
     Image(#[from] SiiError),
+    /// A word was written and holds something else.
+    #[error(
+        "word {word:04X}h of the EEPROM holds {got:04X}h where {expected:04X}h was written: is it write-protected?"
+    )]
+    NotKept {
+        /// The word.
+        word: usize,
+        /// What was written.
+        expected: u16,
+        /// What was read back.
+        got: u16,
+    },
+    /// The EEPROM was to be loaded again, and its checksum is wrong for the SubDevice.
+    #[error("the SubDevice has not loaded its EEPROM again (0502h is {control:04X}h)")]
+    NotLoaded {
+        /// Register 0502h.
+        control: u16,
+    },
 }
 
 /// Why the sync managers cannot hold the process data.

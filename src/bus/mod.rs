@@ -45,7 +45,9 @@ pub use error::{
 pub use event::{ClockEvent, DeviceFinding, Finding, Miscounted, NetworkEvent, Recovered};
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, LineVerdict, Present};
 pub use network::builder::{NetworkBuilder, Starting};
-pub use network::scan::{Line, LineDevice};
+pub use network::scan::{
+    EepromAccessError, EepromContent, EepromWritten, ImageKind, Line, LineDevice,
+};
 pub use network::view::{AxisView, NetworkView};
 pub use network::{NetworkEvents, NetworkStop};
 pub use real_time::{RealTime, RealTimeError, Scheduling};

@@ -9,6 +9,7 @@ mod clocks;
 mod clocks_again;
 mod clocks_trouble;
 mod earlier_master;
+mod eeprom;
 mod emergencies;
 mod end_of_life;
 mod endings;

@@ -247,19 +247,33 @@ pub(crate) struct DriveArguments {
 impl DriveArguments {
     /// Its objects.
     pub(crate) fn of<'line>(&self, line: &[Found<'line>]) -> Result<&'line SdoHandle, Failure> {
+        if self.drive.is_some() {
+            return self.device(line)?.objects();
+        }
+        let all: Vec<_> = line.iter().filter(|found| found.sdo.is_some()).collect();
+        match all.as_slice() {
+            [one] => one.objects(),
+            [] => Err(format!("no device of the line has CoE:\n{}", places(line)).into()),
+            _ => Err(which(line)),
+        }
+    }
+
+    /// The device, with or without CoE.
+    pub(crate) fn device<'line>(&self, line: &[Found<'line>]) -> Result<Found<'line>, Failure> {
         let Some(position) = self.drive else {
-            let all: Vec<_> = line.iter().filter(|found| found.sdo.is_some()).collect();
-            return match all.as_slice() {
-                [one] => one.objects(),
-                [] => Err(format!("no device of the line has CoE:\n{}", places(line)).into()),
-                _ => Err(format!("which drive? --drive POSITION:\n{}", places(line)).into()),
+            return match line {
+                [one] => Ok(*one),
+                _ => Err(which(line)),
             };
         };
         let found = line.iter().find(|found| found.id.position == position);
-        let found = found
-            .ok_or_else(|| format!("there is nothing at position {position}:\n{}", places(line)))?;
-        found.objects()
+        let nothing = || format!("there is nothing at position {position}:\n{}", places(line));
+        Ok(*found.ok_or_else(nothing)?)
     }
+}
+
+fn which(line: &[Found<'_>]) -> Failure {
+    format!("which drive? --drive POSITION:\n{}", places(line)).into()
 }
 
 /// Who is where, for an error.

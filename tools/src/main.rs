@@ -6,6 +6,7 @@ mod axes;
 mod bundle;
 mod capture;
 mod doctor;
+mod eeprom;
 mod history;
 mod line;
 mod machine;
@@ -48,6 +49,8 @@ enum Command {
     Params(params::Arguments),
     /// Shows what a drive remembers of its errors, and clears it if asked to; whatever its line was doing ends
     History(history::Arguments),
+    /// Reads, compares and writes the EEPROM of a device, and its station alias; whatever its line was doing ends
+    Eeprom(eeprom::Arguments),
     /// Moves an axis with a velocity for a time
     Jog(motion::Jog),
     /// Has a drive find the home of an axis
@@ -90,6 +93,7 @@ fn main() -> ExitCode {
         Command::Od(arguments) => smol::block_on(od::run(&tool, arguments)),
         Command::Params(arguments) => smol::block_on(params::run(&tool, arguments)),
         Command::History(arguments) => smol::block_on(history::run(&tool, arguments)),
+        Command::Eeprom(arguments) => smol::block_on(eeprom::run(&tool, arguments)),
         Command::Jog(arguments) => smol::block_on(motion::jog(&tool, arguments)),
         Command::Home(arguments) => smol::block_on(motion::home(&tool, arguments)),
         Command::Move(arguments) => smol::block_on(motion::move_axis(&tool, arguments)),

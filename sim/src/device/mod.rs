@@ -14,6 +14,7 @@ use crate::coe::{Server, emergency_payload};
 use crate::description::{Description, Direction, SyncManagerUse};
 use crate::drive::{Drive, DriveBlueprint};
 use crate::ds402::{Axis, Plant};
+pub use crate::esc::EepromReload;
 use crate::esc::{Esc, Place};
 use crate::mailbox::Mailbox;
 use crate::sii;
@@ -70,11 +71,17 @@ impl Device {
     /// A device that has just been switched on.
     #[must_use]
     pub fn new(blueprint: Blueprint) -> Self {
+        let eeprom = sii::image(&blueprint.description);
+        Self::with_eeprom(blueprint, eeprom)
+    }
+
+    /// One with this in its EEPROM. Where that is no valid image, the processor runs only if it serves the EEPROM itself.
+    fn with_eeprom(blueprint: Blueprint, eeprom: Vec<u8>) -> Self {
         let description = &blueprint.description;
         // Any start will do for a free-running clock, as long as no two kinds of devices have the same.
         let clock_start = u64::from(description.identity.product) * 1_000;
         let esc = Esc::new(
-            sii::image(description),
+            eeprom,
             description.sii_reads_eight_bytes,
             description.emulates_eeprom,
             description.supports_lrw,
@@ -105,6 +112,7 @@ impl Device {
         device
             .esc
             .set_al_status(device.al.status(), device.al.code());
+        device.freeze(!device.esc.is_sii_loaded() && !device.description().emulates_eeprom);
         device
     }
 
@@ -202,6 +210,23 @@ impl Device {
         self.esc.sii_delay = delay;
     }
 
+    /// Sets how much longer the EEPROM takes for a word that is written. Meanwhile it acknowledges no other command; where the processor
+    /// serves it, it stays busy. Without power before the end the word is erased (FFFFh).
+    pub fn set_sii_write_delay(&mut self, delay: Duration) {
+        self.esc.sii_write_delay = delay;
+    }
+
+    /// Sets what a reload of the EEPROM does.
+    pub fn set_eeprom_reload(&mut self, reload: EepromReload) {
+        self.esc.sii_reload = reload;
+    }
+
+    /// What is in its EEPROM.
+    #[must_use]
+    pub fn eeprom(&self) -> &[u8] {
+        self.esc.sii()
+    }
+
     /// Its processor has access to the EEPROM (0501h, bit 0), and keeps it until it is taken by force (0500h, bit 1).
     pub fn hold_eeprom(&mut self) {
         self.esc.hold_sii();
@@ -272,17 +297,19 @@ impl Device {
     pub fn power_on(&mut self, now: Duration) {
         if !self.powered {
             let delay = self.mailbox.delay;
-            let sii_delay = self.esc.sii_delay;
+            let (sii_delay, sii_write_delay) = (self.esc.sii_delay, self.esc.sii_write_delay);
+            let sii_reload = self.esc.sii_reload;
             let (place, crystal) = (self.esc.place(), self.crystal);
             let axes: Vec<Axis> = self.axes().iter().map(Axis::restarted).collect();
-            *self = Self::new(self.blueprint.clone());
+            *self = Self::with_eeprom(self.blueprint.clone(), self.esc.sii().to_vec());
             if let Some(drive) = &mut self.drive {
                 for (axis, restarted) in drive.axes_mut().iter_mut().zip(axes) {
                     *axis = restarted;
                 }
             }
             self.mailbox.delay = delay;
-            self.esc.sii_delay = sii_delay;
+            (self.esc.sii_delay, self.esc.sii_write_delay) = (sii_delay, sii_write_delay);
+            self.esc.sii_reload = sii_reload;
             self.esc.set_place(place);
             self.crystal = crystal;
             self.esc.set_clock(crystal.0, crystal.1);

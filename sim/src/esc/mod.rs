@@ -23,6 +23,8 @@ use clock::{Clock, ControlLoop};
 use fmmu::Fmmu;
 use registers as reg;
 use registers::{CHANNELS, RAM_END, RAM_START};
+pub use sii_access::EepromReload;
+use sii_access::WrittenWord;
 use sync_manager::{Access, Settings, SyncManager};
 use watchdog::Watchdog;
 
@@ -40,6 +42,13 @@ pub(crate) struct Esc {
     /// How long the EEPROM takes for a command, until when it is at work, and how many it has had.
     pub(crate) sii_delay: Duration,
     sii_busy_until: Option<Duration>,
+    /// How much longer it takes for a word that is written, which is this one.
+    pub(crate) sii_write_delay: Duration,
+    sii_written: Option<WrittenWord>,
+    pub(crate) sii_reload: EepromReload,
+    /// Whether words 0 to 6 were loaded at power-up; bits 11 and 12 of 0502h.
+    sii_loaded: bool,
+    sii_load_status: u16,
     pub(crate) sii_accesses: u64,
     /// Messages that the device has taken.
     pub(crate) messages_taken: u64,
@@ -83,6 +92,11 @@ impl Esc {
             emulates_sii,
             sii_delay: Duration::ZERO,
             sii_busy_until: None,
+            sii_write_delay: Duration::ZERO,
+            sii_written: None,
+            sii_reload: EepromReload::default(),
+            sii_loaded: false,
+            sii_load_status: 0,
             sii_accesses: 0,
             messages_taken: 0,
             clock: Clock::new(clock_start),
@@ -119,11 +133,10 @@ impl Esc {
         esc.set_word(reg::WATCHDOG_DIVIDER, 0x09C2);
         esc.set_word(reg::WATCHDOG_PDI, 0x03E8);
         esc.set_word(reg::WATCHDOG_PROCESS_DATA, 0x03E8);
-        esc.set_word(reg::SII_CONTROL, esc.sii_idle_status());
         // Speed counter and filter depths of the clock's control loop, as an ET1100 has them after a reset.
         esc.set_word(reg::DC_SPEED_COUNTER, 0x1000);
         esc.set_word(reg::DC_FILTER, 0x0C04);
-        esc.load_configuration();
+        esc.power_up_sii();
         esc.set_processor_runs(true);
         esc
     }
@@ -139,7 +152,7 @@ impl Esc {
         self.place = place;
         // Bit 0: SII loaded; bit 1: the processor serves its watchdog. Of each port: link (bits 4 and up), and in pairs from bit 8: closed, or communication. Port 0
         // is where frames come in.
-        let mut status = 0x0001 | self.word(reg::DL_STATUS) & 0x0002;
+        let mut status = u16::from(self.sii_loaded) | self.word(reg::DL_STATUS) & 0x0002;
         for (port, back) in (0..).zip(place.back) {
             status |= if port == 0 || back.is_some() {
                 0x0010 << port | 0x0200 << (2 * port)
@@ -162,6 +175,10 @@ impl Esc {
     pub(crate) fn set_processor_runs(&mut self, runs: bool) {
         let status = self.word(reg::DL_STATUS) & !0x0002;
         self.set_word(reg::DL_STATUS, status | u16::from(runs) << 1);
+    }
+
+    fn processor_runs(&self) -> bool {
+        self.word(reg::DL_STATUS) & 0x0002 != 0
     }
 
     /// Where in the segment the ESC is.

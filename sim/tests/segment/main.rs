@@ -7,6 +7,7 @@ mod complete_access;
 mod datagrams;
 mod dictionary;
 mod drive_events;
+mod eeprom;
 mod hostile;
 mod information;
 mod master;

@@ -1,8 +1,8 @@
 //! All devices together: the start, the run, the recovery of a device and the end; and the running network, as a program holds it.
 //!
 //! `builder` takes what a program declares, `bring_up` leads the line into OP, `supervisor` keeps it, `recovery` leads one device
-//! back, `axes` steps the cores in each cycle, `scan` looks at a line without using it. It may call every other room of the bus; none calls
-//! it.
+//! back, `axes` steps the cores in each cycle, `scan` looks at a line without using it, and writes EEPROMs of it. It may call every other room
+//! of the bus; none calls it.
 
 pub(super) mod axes;
 pub(super) mod bring_up;

@@ -1,11 +1,14 @@
 //! A line that is looked at and not configured: who is there, what each SubDevice says of itself, and its objects.
 
+mod eeprom;
+
 use std::{
+    pin::Pin,
     sync::Arc,
     thread::{self, JoinHandle},
 };
 
-use smol::channel::{Receiver, Sender, bounded};
+use smol::channel::{Receiver, Sender, bounded, unbounded};
 
 use crate::{
     bus::{
@@ -23,6 +26,8 @@ use crate::{
     sii::Sii,
     wakes::Wakes,
 };
+
+pub use eeprom::{EepromAccessError, EepromContent, EepromWritten, ImageKind};
 
 /// Bit 2 of the features: distributed clocks; bit 3: of 64 bits.
 const CLOCK: u8 = 0x04;
@@ -49,7 +54,11 @@ pub struct Line {
     control: Arc<Control>,
     over: Receiver<()>,
     thread: Option<JoinHandle<()>>,
+    work: Sender<Work>,
 }
+
+/// Something to be done on the bus thread.
+type Work = Box<dyn FnOnce(Context) -> Pin<Box<dyn Future<Output = ()>>> + Send>;
 
 /// A SubDevice of a [`Line`].
 #[derive(Debug)]
@@ -103,6 +112,23 @@ impl Line {
         self.join();
     }
 
+    /// Does this on the bus thread. None if that has ended.
+    async fn on_bus<T, F>(&self, work: impl FnOnce(Context) -> F + Send + 'static) -> Option<T>
+    where
+        T: Send + 'static,
+        F: Future<Output = T> + 'static,
+    {
+        let (answer, answered) = bounded(1);
+        let work: Work = Box::new(move |context| {
+            Box::pin(async move {
+                // Nobody takes it when the program has given up meanwhile.
+                let _ = answer.try_send(work(context).await);
+            })
+        });
+        self.work.try_send(work).ok()?;
+        self.control.waiters.relay(answered.recv()).await.ok()
+    }
+
     fn join(&mut self) {
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
@@ -127,6 +153,7 @@ pub(in crate::bus) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, Net
     control.set_waker(link.waker());
     let (send_found, found) = bounded(1);
     let (alive, over) = bounded(1);
+    let (work, asked) = unbounded();
     let shared = Arc::clone(&control);
     let subscriber = Subscriber::current();
     // A caller that drops the future ends the scan.
@@ -142,7 +169,7 @@ pub(in crate::bus) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, Net
                 Log::default(),
             );
             let context = reactor.context().clone();
-            if let Some(task) = context.spawn(life(context.clone(), shared, send_found)) {
+            if let Some(task) = context.spawn(life(context.clone(), shared, send_found, asked)) {
                 task.detach();
             }
             subscriber.of(|| BusLoop::new(reactor, None, alive, wakes_end).run());
@@ -164,12 +191,18 @@ pub(in crate::bus) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, Net
         control,
         over,
         thread,
+        work,
     })
 }
 
 type Scanned = Result<Vec<LineDevice>, NetworkError>;
 
-async fn life(context: Context, control: Arc<Control>, found: Sender<Scanned>) {
+async fn life(
+    context: Context,
+    control: Arc<Control>,
+    found: Sender<Scanned>,
+    asked: Receiver<Work>,
+) {
     let devices = smol::future::or(async { Some(look(&context).await) }, async {
         supervisor::given_up(&context, &control).await;
         None
@@ -177,7 +210,12 @@ async fn life(context: Context, control: Arc<Control>, found: Sender<Scanned>) {
     if let Some(devices) = devices.await {
         let goes_on = devices.is_ok();
         if found.send(devices).await.is_ok() && goes_on {
-            supervisor::given_up(&context, &control).await;
+            let work = async {
+                while let Ok(work) = asked.recv().await {
+                    work(context.clone()).await;
+                }
+            };
+            smol::future::or(work, supervisor::given_up(&context, &control)).await;
         }
     }
     supervisor::leave(&context).await;

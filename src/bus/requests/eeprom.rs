@@ -1,4 +1,4 @@
-//! Reading a SubDevice's SII over its registers 0500h to 050Fh (ETG.1000.4, SII interface).
+//! Reading and writing a SubDevice's SII over its registers 0500h to 050Fh (ETG.1000.4, SII interface).
 
 use std::{ops::Range, time::Duration};
 
@@ -8,7 +8,7 @@ use crate::{
         requests::{LONGEST_DATAGRAM, registers::Registers},
     },
     esc,
-    sii::{General, Identity, Sii, text_of_device},
+    sii::{General, Identity, Sii, SiiImage, text_of_device},
 };
 
 /// 0500h: the device has the EEPROM; it is taken from the device by force.
@@ -19,8 +19,17 @@ const FORCED: [u8; 1] = [2];
 const DEVICE_HAS_ACCESS: u8 = 0x01;
 /// Command of 0502h: read.
 const READ: u16 = 0x0100;
+/// The same: write with write enable, and load words 0 to 7 again.
+const WRITE: u16 = 0x0201;
+const RELOAD: u16 = 0x0400;
+/// 0502h bit 5: the device's processor serves the EEPROM.
+const EMULATED: u16 = 0x0020;
 /// 0502h bit 6: eight bytes at once, else four.
 const EIGHT_BYTES: u16 = 0x0040;
+/// 0502h bits 11 and 12: the checksum is wrong, words 0 to 7 are not loaded.
+const NOT_LOADED: u16 = 0x1800;
+/// 0502h bit 13: no acknowledge, since the EEPROM is at work on a word, or a bad command.
+const NO_ACKNOWLEDGE: u16 = 0x2000;
 /// 0502h bits 13 and 14: no acknowledge of the EEPROM or a bad command, write refused.
 const ERRORS: u16 = 0x6000;
 /// 0502h bit 15.
@@ -28,6 +37,8 @@ const BUSY: u16 = 0x8000;
 
 /// How long the EEPROM may be busy with one word.
 const LIMIT: Duration = Duration::from_millis(50);
+/// The same for a processor, which may write a word to flash memory. Assumed: sectors of these take up to 2 s to be erased.
+const EMULATION_LIMIT: Duration = Duration::from_secs(3);
 /// First byte of the categories, and the type that ends them.
 const CATEGORIES: usize = 0x80;
 const END: u16 = 0xFFFF;
@@ -38,8 +49,7 @@ const GENERAL: u16 = 30;
 const GENERAL_WORDS: u16 = (General::BYTES / 2) as u16;
 const FMMU: u16 = 40;
 const SYNC_MANAGERS: u16 = 41;
-/// The longest image: the EEPROM is addressed up to 4 Mbit, but no device at hand has more than 64 KiB.
-const LONGEST: usize = 0x1_0000;
+const LONGEST: usize = SiiImage::LONGEST;
 
 /// What was read of a SubDevice's SII, byte by byte, so that nothing is read twice.
 pub(in crate::bus) type SiiBytes = Vec<Option<u8>>;
@@ -136,18 +146,8 @@ pub(in crate::bus) async fn read_whole(
         station,
         bytes,
     };
-    let mut at = CATEGORIES;
-    while at < LONGEST {
-        let header = image.get(at..at + 4).await?;
-        let &[t0, t1, l0, l1] = header.as_slice() else {
-            break;
-        };
-        if u16::from_le_bytes([t0, t1]) == END {
-            break;
-        }
-        at += 4 + 2 * usize::from(u16::from_le_bytes([l0, l1]));
-    }
-    let whole = image.get(0..(at + 2).min(LONGEST)).await?;
+    let end = image.end_of_categories().await?;
+    let whole = image.get(0..end).await?;
     Ok(Sii::parse(&whole)?)
 }
 
@@ -173,7 +173,7 @@ pub(in crate::bus) async fn take_over(
                 registers
                     .write(station, esc::EEPROM_CONFIGURATION, &OWNED_BY_MASTER)
                     .await?;
-                settled(registers, station, 0).await?;
+                settled(registers, station, 0, LIMIT).await?;
                 return Ok(true);
             }
         } else if !is_busy {
@@ -233,6 +233,22 @@ impl Image<'_> {
         Ok(got)
     }
 
+    /// The first byte behind the mark that ends the categories.
+    async fn end_of_categories(&mut self) -> Result<usize, EepromError> {
+        let mut at = CATEGORIES;
+        while at < LONGEST {
+            let header = self.get(at..at + 4).await?;
+            let &[t0, t1, l0, l1] = header.as_slice() else {
+                break;
+            };
+            if u16::from_le_bytes([t0, t1]) == END {
+                break;
+            }
+            at += 4 + 2 * usize::from(u16::from_le_bytes([l0, l1]));
+        }
+        Ok((at + 2).min(LONGEST))
+    }
+
     fn known(&self, at: usize) -> Option<u8> {
         self.bytes.get(at).copied().flatten()
     }
@@ -270,23 +286,164 @@ impl Image<'_> {
     }
 }
 
+/// The EEPROM of one SubDevice, of which all is read and written.
+pub(in crate::bus) struct WholeEeprom<'a> {
+    registers: &'a Registers,
+    pub station: u16,
+    /// How long it may take for one word that is written.
+    limit: Duration,
+}
+
+impl<'a> WholeEeprom<'a> {
+    /// That of the SubDevice at this place in the line, which has its station address.
+    pub async fn at(registers: &'a Registers, position: u16) -> Result<Self, EepromError> {
+        let station = registers.read_at(position, esc::STATION_ADDRESS).await?;
+        let station = u16::from_le_bytes(station);
+        let control = registers.read(station, esc::EEPROM_CONTROL).await?;
+        let limit = match u16::from_le_bytes(control) & EMULATED {
+            0 => LIMIT,
+            _ => EMULATION_LIMIT,
+        };
+        Ok(Self {
+            registers,
+            station,
+            limit,
+        })
+    }
+
+    /// Reads all of it; if it does not say how much that is, up to the end of its categories. It is the device's own afterwards.
+    pub async fn read(&self) -> Result<Vec<u8>, EepromError> {
+        let Self {
+            registers, station, ..
+        } = *self;
+        let read = async {
+            self.take().await?;
+            let mut image = Image {
+                registers,
+                station,
+                bytes: &mut Vec::new(),
+            };
+            let header = image.get(0..CATEGORIES).await?;
+            let end = match SiiImage::room(&header) {
+                Some(bytes) => bytes,
+                None => image.end_of_categories().await?,
+            };
+            image.get(0..end).await
+        };
+        let read = read.await;
+        give_away(registers, station).await?;
+        read
+    }
+
+    /// Writes an image where these bytes were read. How many words, each of which was read back. It is the master's afterwards.
+    pub async fn write(&self, before: &[u8], image: &SiiImage) -> Result<usize, EepromError> {
+        self.take().await?;
+        let words = image.writes_over(before);
+        for (word, value) in &words {
+            self.write_word(*word, *value).await?;
+        }
+        // The first one was a wrong checksum.
+        Ok(words.len().saturating_sub(1))
+    }
+
+    /// Has the SubDevice load words 0 to 7 again, if it knows that command: its station alias after that. The EEPROM must belong to the
+    /// master.
+    pub async fn reload(&self) -> Result<u16, EepromError> {
+        let Self {
+            registers, station, ..
+        } = *self;
+        match execute(registers, station, RELOAD, 0, &[], self.limit).await {
+            Ok((control, _)) if control & NOT_LOADED != 0 => {
+                return Err(EepromError::NotLoaded { control });
+            }
+            Ok(_) | Err(EepromError::Refused { .. }) => {}
+            Err(error) => return Err(error),
+        }
+        let alias = registers.read(station, esc::STATION_ALIAS).await?;
+        Ok(u16::from_le_bytes(alias))
+    }
+
+    async fn take(&self) -> Result<(), EepromError> {
+        self.registers
+            .write(self.station, esc::EEPROM_CONFIGURATION, &OWNED_BY_MASTER)
+            .await?;
+        take_over(self.registers, self.station).await?;
+        Ok(())
+    }
+
+    /// Writes one word, and reads it back. Control, address and data in one datagram, as IgH's master does.
+    async fn write_word(&self, word: usize, expected: u16) -> Result<(), EepromError> {
+        self.insist(WRITE, word, &expected.to_le_bytes()).await?;
+        let (_, [low, high, ..]) = self.insist(READ, word, &[]).await?;
+        match u16::from_le_bytes([low, high]) {
+            got if got != expected => Err(EepromError::NotKept {
+                word,
+                expected,
+                got,
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Has a command executed, again and again while the EEPROM does not acknowledge.
+    async fn insist(
+        &self,
+        command: u16,
+        word: usize,
+        data: &[u8],
+    ) -> Result<(u16, [u8; 8]), EepromError> {
+        let Self {
+            registers,
+            station,
+            limit,
+        } = *self;
+        let time = registers.time();
+        let started = time.now();
+        loop {
+            let done = execute(registers, station, command, word, data, limit).await;
+            let is_over = time.now().saturating_sub(started) >= limit;
+            match done {
+                Err(EepromError::Refused { control, .. })
+                    if control & NO_ACKNOWLEDGE != 0 && !is_over =>
+                {
+                    time.sleep(Duration::from_micros(500)).await;
+                }
+                done => return done,
+            }
+        }
+    }
+}
+
 async fn read_words(
     registers: &Registers,
     station: u16,
     word: usize,
 ) -> Result<Vec<u8>, EepromError> {
-    let address = u32::try_from(word).unwrap_or(u32::MAX).to_le_bytes();
-    let [c0, c1] = READ.to_le_bytes();
-    let [a0, a1, a2, a3] = address;
-    registers
-        .write(station, esc::EEPROM_CONTROL, &[c0, c1, a0, a1, a2, a3])
-        .await?;
-    let (control, data) = settled(registers, station, word).await?;
-    if control & ERRORS != 0 {
-        return Err(EepromError::Refused { word, control });
-    }
+    let (control, data) = execute(registers, station, READ, word, &[], LIMIT).await?;
     let length = if control & EIGHT_BYTES != 0 { 8 } else { 4 };
     Ok(data.iter().take(length).copied().collect())
+}
+
+/// Has a command executed: control and data after it. Data of a write go with the command, so that a frame that is sent again does the same.
+async fn execute(
+    registers: &Registers,
+    station: u16,
+    command: u16,
+    word: usize,
+    data: &[u8],
+    limit: Duration,
+) -> Result<(u16, [u8; 8]), EepromError> {
+    let [a0, a1, a2, a3] = u32::try_from(word).unwrap_or(u32::MAX).to_le_bytes();
+    let [c0, c1] = command.to_le_bytes();
+    let written = [&[c0, c1, a0, a1, a2, a3], data].concat();
+    registers
+        .write(station, esc::EEPROM_CONTROL, &written)
+        .await?;
+    let (control, data) = settled(registers, station, word, limit).await?;
+    match control & ERRORS {
+        0 => Ok((control, data)),
+        _ => Err(EepromError::Refused { word, control }),
+    }
 }
 
 /// Control and data, once the EEPROM is not busy any more.
@@ -294,6 +451,7 @@ async fn settled(
     registers: &Registers,
     station: u16,
     word: usize,
+    limit: Duration,
 ) -> Result<(u16, [u8; 8]), EepromError> {
     let time = registers.time();
     let started = time.now();
@@ -306,7 +464,7 @@ async fn settled(
         if control & BUSY == 0 {
             return Ok((control, data));
         }
-        if time.now().saturating_sub(started) >= LIMIT {
+        if time.now().saturating_sub(started) >= limit {
             return Err(EepromError::Busy { word });
         }
         time.sleep(Duration::from_micros(100)).await;

@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::namespace::{Process, inside_namespace, run, simulated};
+use crate::namespace::{Process, inside_namespace, run, simulated, simulated_with};
 use serde_json::Value;
 
 const TOOL: &str = env!("CARGO_BIN_EXE_servocrab");
@@ -255,6 +255,103 @@ fn a_following_error_is_in_the_history_with_the_makers_text_until_it_is_cleared(
     assert_eq!(
         json("history --interface master0"),
         serde_json::json!({"errors": [], "diagnosis": null})
+    );
+}
+
+#[test]
+fn an_eeprom_is_read_written_and_compared_with_the_old_image_kept_beside() {
+    if !inside_namespace(
+        "commands::an_eeprom_is_read_written_and_compared_with_the_old_image_kept_beside",
+    ) {
+        return;
+    }
+    let slow = ["--sii-write-ms", "5"].map(str::to_owned);
+    let _line = simulated_with(&simulator(), &["akd2g", "generic"], 120, &slow);
+    let directory = tempfile::tempdir().unwrap();
+    let place = |name: &str| directory.path().join(name);
+    let eeprom = |work: &str| format!("eeprom --interface master0 --drive 1 {work}");
+    let old = place("old.bin");
+    let read = json(&eeprom(&format!("read {}", old.display())));
+    assert_eq!((&read["bytes"], &read["alias"]), (&4096.into(), &0.into()));
+    with_code(0, &eeprom(&format!("verify {}", old.display())));
+
+    // Asked for; then the alias and its checksum are written, with all that was there kept.
+    let kept = place("kept.bin");
+    let alias = eeprom(&format!("alias 7 --keep {}", kept.display()));
+    let refused = servocrab(&alias);
+    assert_eq!(refused.code, Some(2));
+    assert!(refused.errors.contains("--yes"), "{}", refused.errors);
+    assert!(!kept.exists());
+    let written = json(&format!("{alias} --yes"));
+    assert_eq!(
+        (&written["words"], &written["alias"], &written["in_force"]),
+        (&2.into(), &7.into(), &false.into())
+    );
+    assert_eq!(std::fs::read(&kept).unwrap(), std::fs::read(&old).unwrap());
+    let differs = with_code(1, &eeprom(&format!("verify {}", old.display())));
+    assert!(differs.contains("0004h  0000h  0007h"), "{differs}");
+
+    // What is kept is not replaced by something else.
+    let other = servocrab(&format!("{} --yes", alias.replace("alias 7", "alias 8")));
+    assert_eq!(other.code, Some(2));
+    assert!(other.errors.contains("move it away"), "{}", other.errors);
+
+    // The old one again: the place of what is kept is beside it.
+    let text = with_code(0, &eeprom(&format!("write {} --yes", old.display())));
+    assert!(text.contains("alias 0 is in force (0012h)"), "{text}");
+    assert!(place("eeprom-1.old").exists());
+    with_code(0, &eeprom(&format!("verify {}", old.display())));
+
+    // The tool is killed while it writes: what it has left is invalid, and the kept image is written again, by the position.
+    let mut bytes = std::fs::read(&old).unwrap();
+    bytes[2048..].fill(0x5A);
+    let long = place("long.bin");
+    std::fs::write(&long, bytes).unwrap();
+    let last = place("last.bin");
+    let write = format!("write {} --keep {} --yes", long.display(), last.display());
+    let mut killed = command(&eeprom(&write));
+    let mut killed = Process(killed.stderr(Stdio::piped()).spawn().unwrap());
+    let mut said = BufReader::new(killed.0.stderr.take().unwrap());
+    let mut line = String::new();
+    said.read_line(&mut line).unwrap();
+    assert!(line.contains("leave the device switched on"), "{line}");
+    // It needs 5 s and more for 1024 words.
+    std::thread::sleep(Duration::from_secs(2));
+    drop(killed);
+    let left = place("left.bin");
+    with_code(1, &eeprom(&format!("read {}", left.display())));
+    let without_image = eeprom(&format!("alias 3 --keep {} --yes", left.display()));
+    assert_eq!(servocrab(&without_image).code, Some(2));
+    let restored = servocrab(&eeprom(&format!("write {} --yes", last.display())));
+    assert_eq!(restored.code, Some(0), "{}", restored.errors);
+    assert!(
+        restored.errors.contains("it is taken by its position"),
+        "{}",
+        restored.errors
+    );
+    with_code(0, &eeprom(&format!("verify {}", old.display())));
+
+    // Another drive's image, and a file that is none.
+    let own = old.display();
+    let foreign = servocrab(&format!(
+        "eeprom --interface master0 --drive 0 write {own} --keep {} --yes",
+        place("foreign").display()
+    ));
+    assert_eq!(foreign.code, Some(2));
+    assert!(
+        foreign.errors.contains("the image is of vendor"),
+        "{}",
+        foreign.errors
+    );
+    let mut bytes = std::fs::read(&old).unwrap();
+    bytes[8] = 9;
+    std::fs::write(&old, bytes).unwrap();
+    let wrong = servocrab(&eeprom(&format!("write {} --yes", old.display())));
+    assert_eq!(wrong.code, Some(2));
+    assert!(
+        wrong.errors.contains("the checksum of the SII image is"),
+        "{}",
+        wrong.errors
     );
 }
 

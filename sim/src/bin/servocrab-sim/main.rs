@@ -50,6 +50,9 @@ struct Arguments {
     /// Milliseconds that an EEPROM takes for one access
     #[arg(long, value_name = "MS", default_value_t = 0)]
     sii_ms: u64,
+    /// Milliseconds that it takes longer for a word that is written
+    #[arg(long, value_name = "MS", default_value_t = 0)]
+    sii_write_ms: u64,
     /// Milliseconds that a device takes to answer a message
     #[arg(long, value_name = "MS", default_value_t = 0)]
     mailbox_ms: u64,
@@ -121,6 +124,7 @@ fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>
             }
         };
         device.set_sii_delay(Duration::from_millis(arguments.sii_ms));
+        device.set_sii_write_delay(Duration::from_millis(arguments.sii_write_ms));
         device.set_mailbox_delay(Duration::from_millis(arguments.mailbox_ms));
         segment.push(device);
     }
