@@ -132,8 +132,8 @@ enum BrakeStage {
     NotReleased,
     /// It is open.
     Released,
-    /// It closes.
-    Setting { left: Timer },
+    /// It closes. `was_open`: its feedback has shown that it was open, and so shows when it is closed.
+    Setting { left: Timer, was_open: bool },
 }
 
 /// Where the axis stands that is to be held without power.
@@ -159,6 +159,7 @@ impl HoldingBrake {
         let stage = match brake {
             Some(Brake::Output(brake)) => BrakeStage::Setting {
                 left: Timer::new(brake.set),
+                was_open: false,
             },
             Some(Brake::DriveManaged) => BrakeStage::Managed,
             None => BrakeStage::NotThere,
@@ -180,8 +181,9 @@ impl HoldingBrake {
     fn move_on(&mut self, brake: &OutputBrake, step: &Step<'_>, released: Option<bool>) {
         let leads_up = step.power.leads_up();
         let is_enabled = leads_up && step.is_enabled_by_us();
-        let may_close = step.stands() || !step.state.holds_axis() || step.guard.has_given_up();
-        let must_close = !leads_up && may_close;
+        let may_close = step.stands() || step.guard.has_given_up();
+        // Whatever was asked for, an axis without power has nothing but its brake.
+        let must_close = !step.state.holds_axis() || (!leads_up && may_close);
         let seen = step.config.traits.surely_seen();
         let timer = |time: Duration| Timer::new(time.saturating_add(seen));
         self.stage = match self.stage {
@@ -193,6 +195,7 @@ impl HoldingBrake {
             {
                 BrakeStage::Setting {
                     left: timer(brake.set),
+                    was_open: self.stage == BrakeStage::Released,
                 }
             }
             BrakeStage::Releasing { .. } if released == Some(true) => BrakeStage::Released,
@@ -201,9 +204,11 @@ impl HoldingBrake {
                 None if brake.feedback.is_some() => BrakeStage::NotReleased,
                 None => BrakeStage::Released,
             },
-            BrakeStage::Setting { .. } if released == Some(false) => BrakeStage::Set,
-            BrakeStage::Setting { left } => match after(left, step) {
-                Some(left) => BrakeStage::Setting { left },
+            BrakeStage::Setting { was_open: true, .. } if released == Some(false) => {
+                BrakeStage::Set
+            }
+            BrakeStage::Setting { left, was_open } => match after(left, step) {
+                Some(left) => BrakeStage::Setting { left, was_open },
                 None => BrakeStage::Set,
             },
             stage => stage,

@@ -684,7 +684,10 @@ impl Machines {
     pub fn compose(&mut self, state: State, stands: bool, lacks_voltage: bool) {
         let command = if self.stopping.is_quick() {
             PowerCommand::QuickStop
-        } else if self.stopping.is_switching_off() && state == State::OperationEnabled {
+        } else if self.stopping.is_switching_off()
+            && state == State::OperationEnabled
+            && !(stands && self.keeps_power())
+        {
             // A drive that ignores quick stop, or has stopped the axis by it. In every other state it may still brake the axis.
             PowerCommand::DisableVoltage
         } else {

@@ -44,7 +44,8 @@ impl<U: AxisUnit> Axis<U> {
     ///
     /// # Errors
     /// [`AxisErrorKind::Field`] if it is not in the drive's outputs, or with another length. [`AxisErrorKind::OwnedByAxis`] for
-    /// what the axis itself writes (6040h, 6060h, 607Ah, 6081h to 6084h, 6086h, 6098h to 609Ah, 60FFh, of any axis).
+    /// what the axis itself writes (6040h, 6060h, 607Ah, 6081h to 6084h, 6086h, 6098h to 609Ah, 60FFh, of any axis), and for the digital outputs
+    /// 60FEh:1 of another axis.
     pub fn output<T: Number, A: Writable>(
         &self,
         object: Object<T, A>,
@@ -53,7 +54,11 @@ impl<U: AxisUnit> Axis<U> {
         let setup = &shared.setup;
         let object = object.offset(setup.offset);
         let address = object.address();
-        if is_owned(address) {
+        // One bit of another axis' digital outputs may be its brake.
+        let is_of_another = obj::DIGITAL_OUTPUTS.address().subindex == address.subindex
+            && address.index & 0x07FF == 0xFE
+            && address.index != setup.offset.apply(obj::DIGITAL_OUTPUTS.index());
+        if is_owned(address) || is_of_another {
             let kind = AxisErrorKind::OwnedByAxis { object: address };
             return Err(shared.error(kind));
         }

@@ -272,6 +272,35 @@ fn a_brake_that_stays_closed_fails_the_enable_where_its_feedback_shows_it_and_is
     lift.enables();
 }
 
+/// Its wire is broken: it shows a closed brake, and the brake is open.
+#[test]
+fn a_feedback_that_never_showed_the_brake_open_does_not_end_the_wait_for_its_closing() {
+    let (brake, declared) = on_bit_0();
+    let mut lift = Lift::with((brake, declared.feedback(DigitalInput::Bit(20))));
+    let axis = lift.axis();
+    let failed = lift.rig.until(axis.enable()).unwrap_err();
+    assert_eq!(failure(failed), Failure::BrakeNotReleased);
+    lift.rig.run_for(Duration::from_secs(1));
+    assert!(!lift.state().is_powered() && lift.is_braked());
+    lift.is_held("broken wire");
+    assert!(!lift.seen.lock().unwrap().dropped);
+}
+
+/// As by an emergency stop that takes the power some time after it has asked for the stop.
+#[test]
+fn a_drive_that_loses_its_power_in_a_stop_has_its_brake_closed_at_once() {
+    for moves in [false, true] {
+        let mut lift = Lift::with(on_bit_0());
+        lift.enables();
+        let _moving = moves.then(|| lift.sets_off());
+        lift.axis().stop_handle().quick_stop();
+        lift.rig.run_for(20 * MS);
+        lift.line.segment().axis_mut(0, 0).unwrap().set_inhibited(true);
+        lift.rig.run_for(CLOSES_IN + 10 * MS);
+        assert!(lift.is_braked());
+    }
+}
+
 /// Nobody can move it before.
 #[test]
 fn a_move_is_refused_while_the_brake_opens() {
