@@ -135,6 +135,12 @@ struct PairShared {
     over: AtomicBool,
 }
 
+impl PairShared {
+    fn last_stops(&self) -> [LastStop; 2] {
+        self.axes.each_ref().map(|axis| axis.shared.stops.last())
+    }
+}
+
 #[derive(Debug)]
 struct PairedAxis {
     shared: Arc<Shared>,
@@ -196,6 +202,8 @@ struct PairWatch {
     pair: Arc<PairShared>,
     is_warned: bool,
     squaring: Option<Squaring>,
+    /// The last stop of each that both have.
+    stops: [LastStop; 2],
 }
 
 /// How far each axis has come in a squaring, in which each drive sets its position.
@@ -225,6 +233,7 @@ impl PairWatches {
             && let Some(pair) = queues.new.pop()
         {
             self.watched.push(PairWatch {
+                stops: pair.last_stops(),
                 pair,
                 is_warned: false,
                 squaring: None,
@@ -273,30 +282,50 @@ impl PairWatch {
             .as_ref()
             .map_or(self.pair.stop, |squaring| squaring.limit);
         let report = skew.and_then(|skew| self.judge(skew, limit, is_moving));
-        if !is_moving {
+        let asked = self.asked();
+        if !is_moving && asked == [StopRequest::empty(); 2] {
             return report;
         }
-        let [one, other] = self.read(axes, |core| core.stops()[1])?;
-        let mut stop = if one.bits() > other.bits() {
-            one
-        } else {
-            other
-        };
-        if skew.is_some_and(|skew| skew.abs() > limit) {
-            stop = StopRequest::QUICK_STOP;
+        let mut stop = strongest(asked);
+        if is_moving {
+            let of_cores = self.read(axes, |core| core.stops()[1])?;
+            stop = strongest([stop, strongest(of_cores)]);
+            if skew.is_some_and(|skew| skew.abs() > limit) {
+                stop = StopRequest::QUICK_STOP;
+            }
         }
-        for axis in &self.pair.axes {
+        for (place, axis) in self.pair.axes.iter().enumerate() {
             let (core, outputs) = axes.axis(axis.shared.setup.index)?;
             let [under_way, _] = core.stops();
-            if under_way.bits() < stop.bits() && moves(core) && core.takes_stops() {
-                if stop != StopRequest::HALT {
-                    // What was asked for before does not begin after it.
-                    axis.shared.stops.note(StopKind::Stop);
-                }
+            // What has nothing to move may be about to begin.
+            let is_new = asked[1 - place].bits() > asked[place].bits();
+            let stops =
+                under_way.bits() < stop.bits() && (is_new || moves(core)) && core.takes_stops();
+            // What was asked for before does not begin after it. A halt that is no new one is not asked for.
+            if is_new || (stops && stop != StopRequest::HALT) {
+                let halts = stop == StopRequest::HALT;
+                let kind = if halts {
+                    StopKind::Halt
+                } else {
+                    StopKind::Stop
+                };
+                self.stops[place] = axis.shared.stops.note(kind);
+            }
+            if stops {
                 core.apply_stop(now, stop, outputs);
             }
         }
         report
+    }
+
+    /// What has stopped each since the last look. An axis that has arrived shows nothing of its stop, while the other one may move on.
+    fn asked(&mut self) -> [StopRequest; 2] {
+        let before = core::mem::replace(&mut self.stops, self.pair.last_stops());
+        [0, 1].map(|n: usize| match self.stops[n] {
+            last if last == before[n] => StopRequest::empty(),
+            last if last.is(StopKind::Halt) => StopRequest::HALT,
+            _ => StopRequest::STOP,
+        })
     }
 
     /// The skew, where both axes have answered.
@@ -347,6 +376,14 @@ impl PairWatch {
             return report(warn, false);
         }
         None
+    }
+}
+
+const fn strongest([one, other]: [StopRequest; 2]) -> StopRequest {
+    if one.bits() > other.bits() {
+        one
+    } else {
+        other
     }
 }
 
@@ -674,7 +711,7 @@ impl<U: AxisUnit> Pair<U> {
     }
 
     fn last_stops(&self) -> [LastStop; 2] {
-        self.axes().map(|axis| axis.handles.shared.stops.last())
+        self.0.paired.last_stops()
     }
 
     fn refused(&self, error: PairError) -> AxisError {

@@ -54,6 +54,12 @@ impl StopKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct LastStop(pub u64);
 
+impl LastStop {
+    pub const fn is(self, kind: StopKind) -> bool {
+        self.0 & ((1 << KIND_BITS) - 1) == kind as u64
+    }
+}
+
 #[derive(Debug)]
 pub(super) struct Stops {
     last: AtomicU64,
@@ -87,13 +93,12 @@ impl Stops {
         if last == asked {
             return None;
         }
-        let is = |kind: StopKind| last.0 & ((1 << KIND_BITS) - 1) == kind as u64;
         let delivery = Delivery::NotSent;
         Some(match () {
-            () if is(StopKind::Halt) => Failure::Halted { delivery },
-            () if is(StopKind::Disable) => Failure::Disabled { state },
-            () if is(StopKind::Lost) => Failure::BusLost { delivery },
-            () if is(StopKind::Fault) => Failure::Fault {
+            () if last.is(StopKind::Halt) => Failure::Halted { delivery },
+            () if last.is(StopKind::Disable) => Failure::Disabled { state },
+            () if last.is(StopKind::Lost) => Failure::BusLost { delivery },
+            () if last.is(StopKind::Fault) => Failure::Fault {
                 code: None,
                 following_error: false,
             },

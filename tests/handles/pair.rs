@@ -1,5 +1,7 @@
 //! Two axes that carry one thing: whatever happens to one, the stop of the other is in the next frame.
 
+use core::sync::atomic::Ordering;
+
 use servocrab::{
     AxisError, Failure, HomingMethod, HomingParameters, Outcome, Referencing, SetPoint,
     axis::{AxisErrorKind, Pair, PairError, PairMove, SkewReport},
@@ -7,7 +9,7 @@ use servocrab::{
 };
 use servocrab_sim::ds402::{self, AckFault, Cause};
 
-use crate::machine::{Machine, Task, Variant, beside_its_switch, lock};
+use crate::machine::{Machine, Task, Variant, beside_its_switch, kept, lock};
 
 /// Beyond them there is a warning, and a stop.
 const WARN: i32 = 400;
@@ -439,5 +441,73 @@ fn a_squaring_in_which_one_fails_or_that_is_dropped_stops_both() {
         assert!(lock(&machine.stations[0].drive).stands());
         let at = lock(&machine.stations[0].drive).mechanical_position();
         assert!(at > 15_000, "it did not go on to its switch: {at}");
+    }
+}
+
+/// The first axis has arrived, and the second, whose way was longer, has not.
+fn one_has_arrived(machine: &mut Machine) -> (Pair, PairMove) {
+    let pairing = machine.axis(0).pair_with(machine.axis(1));
+    let pair = pairing.skew(1_000_000, 2_000_000).unwrap();
+    lock(&machine.stations[1].drive).place(-30_000);
+    machine.run(5);
+    machine.finish(pair.enable()).unwrap();
+    let motion = moving(machine, &pair);
+    while machine.stations[0].core.snapshot().has_set_point {
+        machine.cycle();
+    }
+    // Until it stands.
+    machine.run(100);
+    assert!(machine.stations[1].core.snapshot().has_set_point);
+    (pair, motion)
+}
+
+#[test]
+fn a_stop_of_the_one_that_has_arrived_is_that_of_the_other() {
+    let cases: [fn(&mut Machine, &Pair); 4] = [
+        |_, pair| pair.stop_handle().stop(),
+        |_, pair| pair.stop_handle().halt(),
+        |_, pair| pair.stop_handle().quick_stop(),
+        |machine, _| assert!(Task::new(machine.axis(0).stop()).poll().is_none()),
+    ];
+    for (case, stop) in cases.into_iter().enumerate() {
+        let mut machine = Machine::new(2);
+        let (pair, motion) = one_has_arrived(&mut machine);
+        assert!(!stops(last_word(&machine, 1)));
+        stop(&mut machine, &pair);
+        machine.cycle();
+        assert!(stops(last_word(&machine, 1)), "case {case}");
+        let error = machine.finish(motion.done()).unwrap_err();
+        assert!(
+            matches!(
+                error.failure(),
+                Some(Failure::QuickStopped { .. } | Failure::Halted { .. })
+            ),
+            "case {case}: {error}"
+        );
+        machine.run(3_000);
+        let at = shaft(&machine, 1);
+        assert!(at < i64::from(TARGET) - 5_000, "case {case}: at {at}");
+        assert!(lock(&machine.stations[1].drive).stands());
+    }
+}
+
+#[test]
+fn a_stop_of_one_while_a_squaring_writes_its_parameters_lets_neither_home() {
+    for stopped in [0, 1] {
+        let (mut machine, pair) = beside_their_switches();
+        for station in &machine.stations {
+            station.sdo.slow_writes.store(true, Ordering::Relaxed);
+        }
+        let mut squaring = Task::new(pair.square(to_the_switch(), 3_000));
+        kept(&mut machine, &mut squaring);
+        machine.axis(stopped).stop_handle().stop();
+        let error = machine.finish_task(&mut squaring).unwrap_err();
+        assert!(
+            matches!(error.failure(), Some(Failure::QuickStopped { .. })),
+            "{error}"
+        );
+        for station in &machine.stations {
+            assert!(lock(&station.drive).homings().is_empty());
+        }
     }
 }
