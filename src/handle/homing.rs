@@ -10,7 +10,7 @@ use core::{
 };
 use std::sync::Arc;
 
-use smol::future::zip;
+use smol::future::{try_zip, zip};
 
 use crate::{
     Failure, HomingMethod, HomingParameters,
@@ -22,8 +22,8 @@ use crate::{
 };
 
 use super::{
-    Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, parameters::Claim, pending::Pending,
-    stops::LastStop,
+    Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pair::is_consequence,
+    parameters::Claim, pending::Pending, stops::LastStop,
 };
 
 /// The lease of an axis in homing mode, from [`Axis::homing`].
@@ -368,8 +368,8 @@ async fn homed(pending: &Pending) -> Result<i32, AxisError> {
     }
 }
 
-/// Homes two axes at once: the parameters of both are written before either begins. Gives what `begin` gives, and how both have ended. A
-/// homing that is dropped stops its axis.
+/// Homes two axes at once: the parameters of both are written before either begins. Gives what `begin` gives, and how both have ended. Where
+/// one fails by itself the other is not waited for. A homing that is dropped stops its axis.
 pub(super) async fn home_together<U: AxisUnit, T>(
     axes: [&Axis<U>; 2],
     leases: &[Arc<Lease>; 2],
@@ -387,11 +387,20 @@ pub(super) async fn home_together<U: AxisUnit, T>(
     let prepared = zip(one.prepare(first, None), other.prepare(second, None)).await;
     let prepared = (prepared.0?, prepared.1?);
     let begun = begin();
-    let mut pending = (one.start(prepared.0)?, other.start(prepared.1)?);
-    pending.0.end_on_drop();
-    pending.1.end_on_drop();
-    let (one, other) = zip(homed(&pending.0), homed(&pending.1)).await;
+    let mut first = one.start(prepared.0)?;
+    first.end_on_drop();
+    let mut second = other.start(prepared.1)?;
+    second.end_on_drop();
+    let (one, other) = try_zip(unless_failed(&first), unless_failed(&second)).await?;
     Ok((begun, [one, other]))
+}
+
+/// An error that the other homing has not made is there at once.
+async fn unless_failed(pending: &Pending) -> Result<Result<i32, AxisError>, AxisError> {
+    match homed(pending).await {
+        Err(error) if !is_consequence(&error) => Err(error),
+        result => Ok(result),
+    }
 }
 
 /// A homing, and the wait for its end. Dropped after bit 4 rose it stops the axis (bit 8, then quick stop).

@@ -840,7 +840,7 @@ impl<U: AxisUnit> Both<U> {
 }
 
 /// Whether it is what a stop of the other axis makes of this one.
-fn is_consequence(error: &AxisError) -> bool {
+pub(super) fn is_consequence(error: &AxisError) -> bool {
     is_halted(error) || matches!(error.failure(), Some(Failure::QuickStopped { .. }))
 }
 

@@ -511,3 +511,25 @@ fn a_stop_of_one_while_a_squaring_writes_its_parameters_lets_neither_home() {
         }
     }
 }
+
+#[test]
+fn a_squaring_that_one_drive_does_not_begin_stops_the_other_before_its_switch() {
+    let (mut machine, pair) = beside_their_switches();
+    // A homing error at a stand.
+    lock(&machine.stations[1].drive).set(0x6099, 1, 0).unwrap();
+    let [one, _] = to_the_switch();
+    let other = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT);
+    let error = machine
+        .finish(pair.square([one, other], 3_000))
+        .unwrap_err();
+    assert!(
+        matches!(error.failure(), Some(Failure::HomingError { .. })),
+        "{error}"
+    );
+    machine.cycle();
+    assert!(stops(last_word(&machine, 0)));
+    machine.run(1_000);
+    assert!(lock(&machine.stations[0].drive).stands());
+    let at = lock(&machine.stations[0].drive).mechanical_position();
+    assert!(at > 15_000, "it did not go on to its switch: {at}");
+}
