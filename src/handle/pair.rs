@@ -683,7 +683,8 @@ impl<U: AxisUnit> Pair<U> {
         };
         let (squaring, [one, other]) =
             home_together(self.axes(), &self.0.leases, homings, begin).await?;
-        self.both(one, other)?;
+        let homed = both(one, other);
+        homed.map_err(|error| self.0.reason(error))?;
         squaring.end();
         self.0.is_starting.store(false, Ordering::Release);
         let [one, other]: [f64; 2] = self.status().map(|status| status.position.into());
@@ -783,15 +784,7 @@ impl<U: AxisUnit> Pair<U> {
     {
         let [one, other] = self.axes();
         let (one, other) = zip(ask(one), ask(other)).await;
-        self.both(one, other).map(drop)
-    }
-
-    fn both<T>(
-        &self,
-        one: Result<T, AxisError>,
-        other: Result<T, AxisError>,
-    ) -> Result<[T; 2], AxisError> {
-        self.0.both(one, other)
+        both(one, other).map(drop)
     }
 }
 
@@ -802,25 +795,10 @@ impl<U: AxisUnit> Both<U> {
         }
     }
 
-    /// Both results, or the error that has made the other one.
-    fn both<T>(
-        &self,
-        one: Result<T, AxisError>,
-        other: Result<T, AxisError>,
-    ) -> Result<[T; 2], AxisError> {
-        let error = match (one, other) {
-            (Ok(one), Ok(other)) => return Ok([one, other]),
-            (Err(error), Ok(_)) | (Ok(_), Err(error)) => error,
-            (Err(one), Err(other)) if is_consequence(&one) => other,
-            (Err(one), Err(_)) => one,
-        };
-        Err(self.reason(error))
-    }
-
-    /// The error that both were stopped for, where that is the skew.
+    /// The error of a motion; the skew, where it was stopped for that and has not failed by itself.
     fn reason(&self, error: AxisError) -> AxisError {
         let skew = self.paired.exceeded.get();
-        if skew.is_nan() {
+        if skew.is_nan() || !is_consequence(&error) {
             return error;
         }
         let squaring = self.paired.squaring.get();
@@ -837,6 +815,17 @@ impl<U: AxisUnit> Both<U> {
         };
         shared.error(AxisErrorKind::Pair(Box::new(error)))
     }
+}
+
+/// Both results, or the error that has made the other one.
+fn both<T>(one: Result<T, AxisError>, other: Result<T, AxisError>) -> Result<[T; 2], AxisError> {
+    let error = match (one, other) {
+        (Ok(one), Ok(other)) => return Ok([one, other]),
+        (Err(error), Ok(_)) | (Ok(_), Err(error)) => error,
+        (Err(one), Err(other)) if is_consequence(&one) => other,
+        (Err(one), Err(_)) => one,
+    };
+    Err(error)
 }
 
 /// Whether it is what a stop of the other axis makes of this one.
@@ -900,11 +889,12 @@ impl<U: AxisUnit> PairMove<U> {
     /// Waits for both outcomes. A halt ends the wait, as that of [`Move::done`].
     ///
     /// # Errors
-    /// Of the axis that has failed by itself; the other one was stopped. [`PairError::Skew`] where both were stopped for that.
+    /// Of the axis that has failed by itself; the other one was stopped. [`PairError::Skew`] where both were stopped for that, and neither
+    /// has failed by itself.
     pub async fn done(&self) -> Result<[Outcome<U>; 2], AxisError> {
         let [one, other] = &self.moves;
         let (one, other) = zip(one.done(), other.done()).await;
-        self.both.both(one, other)
+        self.judge(one, other)
     }
 
     /// As [`done`](Self::done), but waits on through halts.
@@ -914,6 +904,15 @@ impl<U: AxisUnit> PairMove<U> {
     pub async fn done_through_halt(&self) -> Result<[Outcome<U>; 2], AxisError> {
         let [one, other] = &self.moves;
         let (one, other) = zip(one.done_through_halt(), other.done_through_halt()).await;
-        self.both.both(one, other)
+        self.judge(one, other)
+    }
+
+    fn judge(
+        &self,
+        one: Result<Outcome<U>, AxisError>,
+        other: Result<Outcome<U>, AxisError>,
+    ) -> Result<[Outcome<U>; 2], AxisError> {
+        let outcomes = both(one, other);
+        outcomes.map_err(|error| self.both.reason(error))
     }
 }

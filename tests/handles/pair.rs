@@ -533,3 +533,26 @@ fn a_squaring_that_one_drive_does_not_begin_stops_the_other_before_its_switch() 
     let at = lock(&machine.stations[0].drive).mechanical_position();
     assert!(at > 15_000, "it did not go on to its switch: {at}");
 }
+
+#[test]
+fn an_error_that_the_skew_has_not_made_is_told_as_what_it_is() {
+    let (mut machine, pair) = paired();
+    let motion = moving(&mut machine, &pair);
+    lock(&machine.stations[1].drive).disturbances().blocked = true;
+    while !stops(last_word(&machine, 0)) {
+        machine.cycle();
+    }
+    // The one that jams has a fault as well.
+    lock(&machine.stations[1].drive).inject_fault(0x7500);
+    let error = machine.finish(motion.done()).unwrap_err();
+    assert!(
+        matches!(error.failure(), Some(Failure::Fault { .. })),
+        "{error}"
+    );
+    machine.run(1_000);
+    let error = machine.finish(pair.enable()).unwrap_err();
+    assert!(
+        matches!(error.failure(), Some(Failure::Fault { .. })),
+        "{error}"
+    );
+}
