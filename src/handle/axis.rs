@@ -449,7 +449,7 @@ impl<U: AxisUnit> Axis<U> {
         );
     }
 
-    fn submit(&self, command: Command) -> Result<Pending, AxisError> {
+    pub(super) fn submit(&self, command: Command) -> Result<Pending, AxisError> {
         self.submit_asked(command, self.handles.shared.stops.last())
     }
 

@@ -18,6 +18,7 @@ use crate::{
     Failure, HomingParameters, SetPoint, StopRequest,
     axis::{AxisCore, Command, Snapshot},
     ds402::Mode,
+    profile_position::VelocityOverride,
     units::{AxisUnit, Counts, Scale},
 };
 
@@ -438,7 +439,7 @@ pub struct Pairing<U: AxisUnit = Counts>([Axis<U>; 2]);
 impl<U: AxisUnit> Pairing<U> {
     /// The pair, as square as it stands now. The skew is what the position of the first is ahead of that of the second (6064h), from
     /// where they stand now or were squared. Beyond `warn` there is an event ([`NetworkEvent::Skew`](crate::bus::NetworkEvent::Skew)).
-    /// Beyond `stop` both are stopped by quick stop, in the next frame.
+    /// Beyond `stop` both are stopped by quick stop, in the next frame. An override of either ([`Axis::set_override`]) is gone.
     ///
     /// # Errors
     /// [`AxisErrorKind::Pair`] with [`PairError::Limits`], [`PairError::NotTwo`], [`PairError::Modulo`] or [`PairError::TooMany`].
@@ -465,6 +466,10 @@ impl<U: AxisUnit> Pairing<U> {
         let leases = [Lease::take(&one.handles)?, Lease::take(&other.handles)?];
         if let Some(moving) = shared.iter().find(|of| of.snapshot().has_set_point) {
             return Err(moving.error(AxisErrorKind::Failed(Failure::Moving)));
+        }
+        // Two factors would be two speeds.
+        for axis in [&one, &other] {
+            axis.submit(Command::SetOverride(VelocityOverride::NONE))?;
         }
         let stands = [&one, &other].map(|axis| Into::<f64>::into(axis.status().position));
         let queues = groups.pairs();

@@ -9,7 +9,7 @@ use servocrab::{
 };
 use servocrab_sim::ds402::{self, AckFault, Cause};
 
-use crate::machine::{Machine, Task, Variant, beside_its_switch, kept, lock};
+use crate::machine::{Machine, Task, Variant, beside_its_switch, kept, lock, output};
 
 /// Beyond them there is a warning, and a stop.
 const WARN: i32 = 400;
@@ -555,4 +555,20 @@ fn an_error_that_the_skew_has_not_made_is_told_as_what_it_is() {
         matches!(error.failure(), Some(Failure::Fault { .. })),
         "{error}"
     );
+}
+
+#[test]
+fn overrides_of_before_do_not_pull_a_pair_apart() {
+    let mut machine = Machine::new(2);
+    let one = machine.axis(0);
+    machine.finish(one.set_override(0.5)).unwrap();
+    let pair = one.pair_with(machine.axis(1)).skew(WARN, STOP).unwrap();
+    machine.finish(pair.enable()).unwrap();
+    let motion = moving(&mut machine, &pair);
+    machine.finish(motion.done()).unwrap();
+    let speeds = [0, 1].map(|axis| {
+        let station = &machine.stations[axis];
+        output(station, station.frames.last().unwrap(), 0x6081)
+    });
+    assert_eq!(speeds, [50_000; 2]);
 }
