@@ -295,7 +295,11 @@ fn a_drive_that_loses_its_power_in_a_stop_has_its_brake_closed_at_once() {
         let _moving = moves.then(|| lift.sets_off());
         lift.axis().stop_handle().quick_stop();
         lift.rig.run_for(20 * MS);
-        lift.line.segment().axis_mut(0, 0).unwrap().set_inhibited(true);
+        lift.line
+            .segment()
+            .axis_mut(0, 0)
+            .unwrap()
+            .set_inhibited(true);
         lift.rig.run_for(CLOSES_IN + 10 * MS);
         assert!(lift.is_braked());
     }
