@@ -16,7 +16,7 @@ use smol::future::zip;
 
 use crate::{
     Failure, HomingParameters, SetPoint, StopRequest,
-    axis::{AxisCore, Command, Snapshot},
+    axis::{AxisCore, Command, Delivery, Snapshot},
     ds402::Mode,
     profile_position::VelocityOverride,
     units::{AxisUnit, Counts, Scale},
@@ -76,8 +76,11 @@ pub enum PairError {
         /// The unit of both.
         unit: &'static str,
     },
-    /// A squaring was not completed, so it is not known where the axes are square. Nothing was sent.
-    #[error("the pair is not square: a squaring was not completed; square it again")]
+    /// A squaring was not completed, or a drive without an absolute encoder was without power, so it is not known where the axes are square.
+    /// Nothing was sent.
+    #[error(
+        "the pair is not square: a squaring was not completed, or a drive has lost its position; square it again"
+    )]
     NotSquare,
     /// A move until a torque holds one axis while the other goes on. Nothing was sent.
     #[error("a pair cannot move until a torque")]
@@ -276,6 +279,11 @@ impl PairWatch {
 
     fn watch(&mut self, now: Duration, axes: &mut impl AxisSet) -> Option<SkewReport> {
         let positions = self.read(axes, fresh_position)?;
+        for axis in &self.pair.axes {
+            if axis.shared.displaced.swap(false, Ordering::AcqRel) {
+                self.pair.zero.set(f64::NAN);
+            }
+        }
         let is_moving = self.read(axes, moves)?.contains(&true);
         let skew = self.skew(positions);
         let limit = self
@@ -444,7 +452,7 @@ impl<U: AxisUnit> Pairing<U> {
     /// # Errors
     /// [`AxisErrorKind::Pair`] with [`PairError::Limits`], [`PairError::NotTwo`], [`PairError::Modulo`] or [`PairError::TooMany`].
     /// [`AxisErrorKind::ModeInUse`] while a mode of one of them is leased, [`PairError::Paired`] where one is in a pair.
-    /// [`Failure::Moving`] while one of them has a set-point.
+    /// [`Failure::Moving`] while one of them has a set-point, [`Failure::BusLost`] where one is lost.
     pub fn skew(self, warn: U::Signed, stop: U::Signed) -> Result<Pair<U>, AxisError> {
         let [one, other] = self.0;
         let shared = [&one, &other].map(|axis| Arc::clone(&axis.handles.shared));
@@ -466,6 +474,13 @@ impl<U: AxisUnit> Pairing<U> {
         let leases = [Lease::take(&one.handles)?, Lease::take(&other.handles)?];
         if let Some(moving) = shared.iter().find(|of| of.snapshot().has_set_point) {
             return Err(moving.error(AxisErrorKind::Failed(Failure::Moving)));
+        }
+        if let Some(lost) = shared.iter().find(|of| of.snapshot().lost) {
+            let delivery = Delivery::NotSent;
+            return Err(lost.error(AxisErrorKind::Failed(Failure::BusLost { delivery })));
+        }
+        for shared in &shared {
+            shared.displaced.store(false, Ordering::Release);
         }
         // Two factors would be two speeds.
         for axis in [&one, &other] {

@@ -7,7 +7,7 @@ use core::{sync::atomic::Ordering, time::Duration};
 use std::sync::Arc;
 
 use crate::{
-    Failure, StopRequest,
+    Failure, Referencing, StopRequest,
     axis::{
         AxisCore, Command, CommandId, Delivery, DriveSettings, Event, Reattach, Snapshot,
         SnapshotChange, Unsupported, WorkingCounter,
@@ -174,6 +174,11 @@ impl AxisPort {
         shared.ask();
         if let Reattach::Kept(config) | Reattach::Anew(config) = &again {
             shared.notes.restart(DriveSettings::of(config));
+        }
+        if let Reattach::Anew(config) = &again
+            && config.referencing != Referencing::AbsoluteEncoder
+        {
+            shared.displaced.store(true, Ordering::Release);
         }
         core.restart(now, again, outputs);
         self.pass_events(core);

@@ -54,6 +54,8 @@ pub(super) struct Shared {
     pub closed: AtomicBool,
     /// Whether a pair has it.
     pub paired: AtomicBool,
+    /// Whether its drive has lost its position since its pair looked last.
+    pub displaced: AtomicBool,
 }
 
 /// What a drive may send of its axis beside what the core reads.
@@ -107,6 +109,7 @@ impl Shared {
             asked: AtomicBool::new(false),
             closed: AtomicBool::new(false),
             paired: AtomicBool::new(false),
+            displaced: AtomicBool::new(false),
             setup,
         }
     }

@@ -75,6 +75,36 @@ fn a_jam_of_one_side_is_warned_of_and_stops_both_in_millimetres() {
 }
 
 #[test]
+fn a_side_that_has_lost_its_position_is_not_square_any_more() {
+    for absolute in [false, true] {
+        let line = line();
+        let side = |name| match absolute {
+            true => axis(name).referencing(Referencing::AbsoluteEncoder),
+            false => axis(name),
+        };
+        let builder = Network::builder().link(line.wire());
+        let builder = builder.drive(0, drive(side("x1")));
+        let mut rig = Rig::start(builder.drive(1, drive(side("x2")))).unwrap();
+        let gantry = rig.net().pair_in::<Mm>("x1", "x2").unwrap();
+        let gantry = gantry.skew(0.5, 2.0).unwrap();
+        rig.loses_power(&line, 1);
+        rig.recover(1).unwrap();
+        rig.until(gantry.enable()).unwrap();
+        let moved = rig.until(gantry.move_abs(1.0, SetPoint::new()));
+        if absolute {
+            rig.until(moved.unwrap().done()).unwrap();
+        } else {
+            let error = moved.unwrap_err();
+            let is_not_square =
+                matches!(&error.kind, AxisErrorKind::Pair(of) if **of == PairError::NotSquare);
+            assert!(is_not_square, "{error}");
+        }
+        drop(gantry);
+        rig.shutdown();
+    }
+}
+
+#[test]
 fn a_following_error_is_reported_once_until_it_was_low_again() {
     let line = line();
     let mut rig = start(&line, axis("x1").following_error_warning(2.5)).unwrap();

@@ -572,3 +572,20 @@ fn overrides_of_before_do_not_pull_a_pair_apart() {
     });
     assert_eq!(speeds, [50_000; 2]);
 }
+
+#[test]
+fn a_pair_is_not_made_of_an_axis_that_is_lost() {
+    let mut machine = Machine::new(2);
+    machine.stations[1].silent = true;
+    while !machine.stations[1].core.snapshot().lost {
+        machine.cycle();
+    }
+    let error = machine.axis(0).pair_with(machine.axis(1)).skew(WARN, STOP);
+    assert!(
+        matches!(
+            error.as_ref().unwrap_err().failure(),
+            Some(Failure::BusLost { .. })
+        ),
+        "{error:?}"
+    );
+}
