@@ -396,8 +396,8 @@ fn whoever_is_told_of_progress_and_blocks_keeps_neither_the_bring_up_nor_the_cyc
         BringUpStep::Mapping,
         BringUpStep::Watchdog,
         BringUpStep::State(State::SafeOp),
-        BringUpStep::State(State::Op),
         BringUpStep::Parameters,
+        BringUpStep::State(State::Op),
     ]);
     let net = Arc::new(starting.join().unwrap().unwrap());
 
