@@ -273,9 +273,10 @@ fn messages_of_other_protocols_are_answered_with_a_mailbox_error() {
     // Servo over EtherCAT, which the AKD2G's SII does not have.
     master.post(5, &[0; 10]);
     assert_eq!(master.fetch(), Some((0x10, vec![1, 0, 2, 0])));
-    // SDO information is not supported, as on the AKD.
+    // SDO information is not supported, as on the AKD: the abort 05040001h, unknown command.
     master.post(3, &[0x00, 0x80, 1, 0, 0, 0, 1, 0]);
-    assert_eq!(master.fetch(), Some((0x20, vec![1, 0, 4, 0])));
+    let abort = vec![0x00, 0x20, 0x80, 0, 0, 0, 0x01, 0x00, 0x04, 0x05];
+    assert_eq!(master.fetch(), Some((0x23, abort)));
     master.post(3, &[0x00]);
     assert_eq!(master.fetch(), Some((0x30, vec![1, 0, 6, 0])));
 }

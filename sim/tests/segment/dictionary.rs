@@ -237,7 +237,7 @@ fn what_the_sii_offers_is_served_and_nothing_else() {
             if information {
                 assert_eq!(reply[..3], [0x00, 0x80, 4]);
             } else {
-                assert_eq!(reply, [1, 0, 4, 0], "the service is not supported");
+                assert_eq!(abort(&reply), 0x0504_0001, "an unknown command");
             }
             let reply = master.coe(&request(0x50, 0x1018, 0, &[]));
             if complete {
