@@ -3,7 +3,10 @@
 use std::{
     future::Future,
     pin::pin,
-    sync::{Arc, Mutex},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     task::{Context, Waker},
     time::Duration,
 };
@@ -16,6 +19,7 @@ use servocrab::{
     coe::obj,
     drives,
     ds402::{DigitalInput, DigitalOutput, State},
+    link::Wire,
     parameters::{StartUpWrite, WriteFault},
 };
 use servocrab_sim::{
@@ -24,7 +28,7 @@ use servocrab_sim::{
     personality::Servo,
 };
 
-use crate::rig::{Line, Rig};
+use crate::rig::{Line, Rig, datagrams};
 
 const MS: Duration = Duration::from_millis(1);
 /// One g at 1000 counts a millimetre.
@@ -141,7 +145,17 @@ fn managed() -> MachineBrake {
 impl Lift {
     fn start(servo: Servo, drive: DriveConfig) -> Result<Self, NetworkError> {
         let (line, seen) = watched(servo);
-        let rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive))?;
+        let wire = line.wire();
+        Self::on(wire, line, seen, drive)
+    }
+
+    fn on(
+        wire: Wire,
+        line: Line,
+        seen: Arc<Mutex<Seen>>,
+        drive: DriveConfig,
+    ) -> Result<Self, NetworkError> {
+        let rig = Rig::start(Network::builder().link(wire).drive(0, drive))?;
         Ok(Self { line, rig, seen })
     }
 
@@ -303,6 +317,35 @@ fn a_drive_that_loses_its_power_in_a_stop_has_its_brake_closed_at_once() {
         lift.rig.run_for(CLOSES_IN + 10 * MS);
         assert!(lift.is_braked());
     }
+}
+
+/// As by an input of the drive for it: nobody has asked for that stop.
+#[test]
+fn a_brake_waits_for_the_end_of_a_quick_stop_of_the_drives_own() {
+    let (brake, declared) = on_bit_0();
+    let (line, seen) = watched(servo(brake));
+    let stops = Arc::new(AtomicBool::new(false));
+    let by_itself = Arc::clone(&stops);
+    let wire = line.spoiled_wire(move |frame| {
+        if by_itself.load(Relaxed) {
+            // Bit 2 of the controlword, at the beginning of the outputs (LRW).
+            for datagram in datagrams(frame) {
+                datagram[10] &= if datagram[0] == 12 { !0x04 } else { 0xFF };
+            }
+        }
+    });
+    let drive = masked(axis().brake(declared), 1);
+    let mut lift = Lift::on(wire, line, seen, drive).unwrap();
+    lift.enables();
+    let _moving = lift.sets_off();
+    stops.store(true, Relaxed);
+    lift.rig.run_for(5 * MS);
+    stops.store(false, Relaxed);
+    assert_eq!(lift.axis().status().state, State::QuickStopActive);
+    assert!(!lift.is_braked());
+    lift.rig.run_for(Duration::from_secs(2));
+    assert!(lift.is_braked());
+    lift.is_held("a quick stop of the drive's own");
 }
 
 /// Nobody can move it before.

@@ -292,6 +292,13 @@ fn a_stop_while_the_network_ends_is_in_the_next_frame() {
 
 #[test]
 fn an_axis_that_a_network_finds_moving_is_stopped_before_it_is_switched_off() {
+    // Where in a cycle OP is asked for differs.
+    for period in [MS, 2 * MS, 5 * MS, 10 * MS] {
+        finds_it_moving(period);
+    }
+}
+
+fn finds_it_moving(period: Duration) {
     let line = Line::new(Segment::new().with(personality::generic()));
     let config = || unhomed(drives::generic(), &["z"]);
     let mut killed = Rig::start(Network::builder().link(line.wire()).drive(0, config())).unwrap();
@@ -318,7 +325,8 @@ fn an_axis_that_a_network_finds_moving_is_stopped_before_it_is_switched_off() {
         seen.lock().unwrap().push((drive.state(), stands));
         Fate::Deliver
     });
-    let mut rig = Rig::start(Network::builder().link(wire).drive(0, config())).unwrap();
+    let builder = Network::builder().link(wire).cycle(period);
+    let mut rig = Rig::start(builder.drive(0, config())).unwrap();
     rig.run_for(1_000 * MS);
     assert_eq!(
         rig.net().axis("z").unwrap().status().state,
