@@ -54,15 +54,7 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let done =
-        Interrupt::listen().and_then(|interrupt| smol::block_on(run(&arguments, &interrupt)));
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("gantry: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    interrupt::run("gantry", async |interrupt| run(&arguments, interrupt).await)
 }
 
 async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {

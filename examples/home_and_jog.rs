@@ -36,15 +36,9 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let done =
-        Interrupt::listen().and_then(|interrupt| smol::block_on(run(&arguments, &interrupt)));
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("home_and_jog: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    interrupt::run("home_and_jog", async |interrupt| {
+        run(&arguments, interrupt).await
+    })
 }
 
 async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {

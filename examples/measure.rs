@@ -43,15 +43,9 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let done =
-        Interrupt::listen().and_then(|interrupt| smol::block_on(run(&arguments, &interrupt)));
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("measure: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    interrupt::run("measure", async |interrupt| {
+        run(&arguments, interrupt).await
+    })
 }
 
 async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {

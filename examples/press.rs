@@ -44,15 +44,7 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let done =
-        Interrupt::listen().and_then(|interrupt| smol::block_on(run(&arguments, &interrupt)));
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("press: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    interrupt::run("press", async |interrupt| run(&arguments, interrupt).await)
 }
 
 async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {

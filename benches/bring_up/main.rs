@@ -171,18 +171,15 @@ fn measure() {
                 }
             }
             print!("{drives:>6}  ");
-            for row in &mut rows[first..] {
-                row.times.sort_by(f64::total_cmp);
-                let most = row.times[row.times.len() - 1];
-                let spread = format!("{:.1} ({:.1} to {most:.1})", row.median(), row.times[0]);
-                print!("{spread:>26}");
-                let (_, marks) = MASTERS[..]
-                    .iter()
-                    .find(|(master, _)| *master == row.master)
-                    .expect("it is one of them");
-                if marks.last() == Some(&row.to) {
-                    print!("{:>5} {:>4}", row.asked.0, row.asked.1);
+            for of_master in rows[first..].chunk_by_mut(|one, next| one.master == next.master) {
+                for row in &mut *of_master {
+                    row.times.sort_by(f64::total_cmp);
+                    let most = row.times[row.times.len() - 1];
+                    let spread = format!("{:.1} ({:.1} to {most:.1})", row.median(), row.times[0]);
+                    print!("{spread:>26}");
                 }
+                let (sii, messages) = of_master[0].asked;
+                print!("{sii:>5} {messages:>4}");
             }
             println!();
             let _ = std::io::stdout().flush();

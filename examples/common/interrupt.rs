@@ -1,15 +1,30 @@
 //! Ctrl-C, and SIGTERM, as what ends a future.
 
-use std::error::Error;
+use std::{error::Error, process::ExitCode};
 
 use smol::{channel::Receiver, future};
 
 /// What is interrupted by Ctrl-C.
 pub(crate) struct Interrupt(Receiver<()>);
 
+/// The whole of a program that Ctrl-C may interrupt; says why it has failed.
+pub(crate) fn run(
+    program: &str,
+    work: impl AsyncFnOnce(&Interrupt) -> Result<(), Box<dyn Error>>,
+) -> ExitCode {
+    let done = Interrupt::listen().and_then(|interrupt| smol::block_on(work(&interrupt)));
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{program}: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
 impl Interrupt {
     /// From now on Ctrl-C does not end the process by itself.
-    pub(crate) fn listen() -> Result<Self, Box<dyn Error>> {
+    fn listen() -> Result<Self, Box<dyn Error>> {
         let (interrupt, interrupted) = smol::channel::bounded(1);
         ctrlc::set_handler(move || {
             // One is enough: the program is on its way out then.
