@@ -97,10 +97,20 @@ impl OutputBrake {
         self
     }
 
-    /// Its bit of 60FEh:1, and the level that closes it.
+    /// Its bit of 60FEh:1.
     #[must_use]
-    pub fn bit(&self) -> (u32, bool) {
-        (self.output.mask().unwrap_or(0), self.set_by_one)
+    pub fn bit(&self) -> u32 {
+        self.output.mask().unwrap_or(0)
+    }
+
+    /// This value of 60FEh:1 with its bit so that the brake is closed (`is_set`), or open.
+    #[must_use]
+    pub fn in_outputs(&self, held: u32, is_set: bool) -> u32 {
+        if is_set == self.set_by_one {
+            held | self.bit()
+        } else {
+            held & !self.bit()
+        }
     }
 
     /// Whether it is open, as its feedback in 60FDh shows it; none without one.

@@ -577,14 +577,8 @@ impl AxisCore {
         let place = config.fields.digital_outputs;
         let place = place.and_then(|at| outputs.get_mut(at..)?.first_chunk_mut());
         if let (Some(Brake::Output(brake)), Some(place)) = (&config.brake, place) {
-            let ((bit, set_level), held) = (brake.bit(), u32::from_le_bytes(*place));
-            let others = held & !bit;
-            let value = if is_set == set_level {
-                others | bit
-            } else {
-                others
-            };
-            *place = value.to_le_bytes();
+            let held = u32::from_le_bytes(*place);
+            *place = brake.in_outputs(held, is_set).to_le_bytes();
         }
     }
 

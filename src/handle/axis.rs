@@ -13,7 +13,8 @@ use crate::{
     axis::ParameterFault,
     axis::{Command, CommandedMode, Completion, DriveSettings, Snapshot},
     coe::{
-        AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError, Transfer, obj,
+        AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError, Transfer,
+        Writable, obj,
     },
     ds402::{Controlword, Mode, State},
     profile_position::{Limits, LimitsRule, MinVelocity, PositionRange, VelocityOverride},
@@ -585,6 +586,28 @@ impl Handles {
         self.write_parameter(MODE_OF_OPERATION, value).await
     }
 
+    /// Writes an object of this axis. Where it is mapped, an SDO would be overwritten by the next frame.
+    pub async fn put<T: Number, A: Writable>(
+        &self,
+        object: Object<T, A>,
+        value: T,
+    ) -> Result<(), AxisError> {
+        let (shared, address) = (&self.shared, object.address());
+        match shared.outputs.place_of(self.of_axis(address)) {
+            Some(cell) => {
+                shared.write_output(cell, value.to_raw());
+                Ok(())
+            }
+            None => self.write_parameter(address, value.encode()).await,
+        }
+    }
+
+    /// Reads an object of this axis.
+    pub async fn read<T: Number, A: Readable>(&self, object: Object<T, A>) -> Result<T, AxisError> {
+        let read = read(self.parameters(), self.shared.setup.offset, object).await;
+        read.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
+    }
+
     pub async fn read_parameter(&self, object: ObjectAddress) -> Result<Vec<u8>, AxisError> {
         let object = self.of_axis(object);
         let read = self.parameters().read(object).await;
@@ -753,21 +776,29 @@ impl<U: AxisUnit> Axis<U> {
     }
 }
 
+/// Reads an object of an axis.
+async fn read<T: Number, A: Readable>(
+    parameters: &dyn ParameterAccess,
+    offset: AxisOffset,
+    object: Object<T, A>,
+) -> Result<T, SdoError> {
+    let address = object.offset(offset).address();
+    let bytes = parameters.read(address).await?;
+    T::decode(&bytes).ok_or_else(|| SdoError::WrongSize {
+        transfer: Transfer::read(address),
+        expected: usize::from(T::BITS / 8),
+        got: bytes.len(),
+    })
+}
+
 /// Reads an object of an axis; none where the drive does not have it.
 pub(super) async fn read_if_there<T: Number, A: Readable>(
     parameters: &dyn ParameterAccess,
     offset: AxisOffset,
     object: Object<T, A>,
 ) -> Result<Option<T>, SdoError> {
-    let address = object.offset(offset).address();
-    match parameters.read(address).await {
-        Ok(bytes) => T::decode(&bytes)
-            .map(Some)
-            .ok_or_else(|| SdoError::WrongSize {
-                transfer: Transfer::read(address),
-                expected: usize::from(T::BITS / 8),
-                got: bytes.len(),
-            }),
+    match read(parameters, offset, object).await {
+        Ok(value) => Ok(Some(value)),
         Err(error) => match error.abort_code() {
             Some(code) if code.is_no_object() => Ok(None),
             _ => Err(error),

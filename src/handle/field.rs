@@ -4,7 +4,7 @@ use core::{fmt, marker::PhantomData};
 use std::sync::Arc;
 
 use crate::{
-    coe::{Number, Object, ObjectAddress, Readable, Writable, obj},
+    coe::{AxisOffset, Number, Object, ObjectAddress, Readable, Writable, obj},
     ds402::{DigitalInput, DigitalOutput},
     pdo_map::{self, Direction, LayoutError},
     units::AxisUnit,
@@ -54,11 +54,7 @@ impl<U: AxisUnit> Axis<U> {
         let setup = &shared.setup;
         let object = object.offset(setup.offset);
         let address = object.address();
-        // One bit of another axis' digital outputs may be its brake.
-        let is_of_another = obj::DIGITAL_OUTPUTS.address().subindex == address.subindex
-            && address.index & 0x07FF == 0xFE
-            && address.index != setup.offset.apply(obj::DIGITAL_OUTPUTS.index());
-        if is_owned(address) || is_of_another {
+        if is_owned(address, setup.offset) {
             let kind = AxisErrorKind::OwnedByAxis { object: address };
             return Err(shared.error(kind));
         }
@@ -327,13 +323,18 @@ impl fmt::Debug for OutputBit {
     }
 }
 
-/// Whether an axis core writes the object: its own or another axis'. Axes lie 0800h apart in 6000h to 9FFFh.
-fn is_owned(object: ObjectAddress) -> bool {
+/// Whether an axis core writes the object: that of this axis, or another one's. Axes lie 0800h apart in 6000h to 9FFFh.
+fn is_owned(object: ObjectAddress, axis: AxisOffset) -> bool {
     let in_profile = (0x6000..=0x9FFF).contains(&object.index);
-    let first_axis = object.index & 0x07FF;
     in_profile
-        && matches!(
-            first_axis,
-            0x40 | 0x60 | 0x7A | 0x81 | 0x82 | 0x83 | 0x84 | 0x86 | 0x98 | 0x99 | 0x9A | 0xFF
-        )
+        && match object.index & 0x07FF {
+            0x40 | 0x60 | 0x7A | 0x81 | 0x82 | 0x83 | 0x84 | 0x86 | 0x98 | 0x99 | 0x9A | 0xFF => {
+                true
+            }
+            // One bit may be the brake of the axis. Its own is masked.
+            0xFE => {
+                object.subindex == 1 && object.index != axis.apply(obj::DIGITAL_OUTPUTS.index())
+            }
+            _ => false,
+        }
 }

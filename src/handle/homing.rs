@@ -336,11 +336,12 @@ impl<U: AxisUnit> Homing<U> {
             return Err(self.axis.handles.shared.error(kind));
         }
         self.axis
+            .handles
             .put(obj::HOMING_METHOD, parameters.method.0)
             .await?;
         for (value, object, _) in speeds {
             if let Some(value) = value {
-                self.axis.put(object, value).await?;
+                self.axis.handles.put(object, value).await?;
             }
         }
         if let Some(offset) = parameters.offset {
@@ -349,7 +350,7 @@ impl<U: AxisUnit> Homing<U> {
             let start = shared.notes.starts();
             let in_doubt = &shared.notes.home_offset_in_doubt;
             in_doubt.store(true, Ordering::Release);
-            self.axis.put(obj::HOME_OFFSET, offset).await?;
+            self.axis.handles.put(obj::HOME_OFFSET, offset).await?;
             shared.note_home_offset(start, offset);
         }
         Ok(())

@@ -312,12 +312,7 @@ impl PairWatch {
                 under_way.bits() < stop.bits() && (is_new || moves(core)) && core.takes_stops();
             // What was asked for before does not begin after it. A halt that is no new one is not asked for.
             if is_new || (stops && stop != StopRequest::HALT) {
-                let halts = stop == StopRequest::HALT;
-                let kind = if halts {
-                    StopKind::Halt
-                } else {
-                    StopKind::Stop
-                };
+                let kind = StopKind::of_request(stop);
                 self.stops[place] = axis.shared.stops.note(kind);
             }
             if stops {

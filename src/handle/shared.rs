@@ -84,9 +84,8 @@ impl Shared {
         let settings = core.drive_settings();
         let owned = match &settings.brake {
             Some(Brake::Output(brake)) => {
-                let (bit, _) = brake.bit();
                 let object = obj::DIGITAL_OUTPUTS.offset(setup.offset).address();
-                Some((object, bit))
+                Some((object, brake.bit()))
             }
             Some(Brake::DriveManaged) | None => None,
         };

@@ -39,6 +39,15 @@ impl StopKind {
         }
     }
 
+    /// The kind of a stop that nobody waits for.
+    pub fn of_request(stop: StopRequest) -> Self {
+        if stop == StopRequest::HALT {
+            Self::Halt
+        } else {
+            Self::Stop
+        }
+    }
+
     /// The kind of what has stopped the axis without a command.
     pub const fn of_fall(failure: Failure) -> Self {
         match failure {
@@ -108,12 +117,7 @@ impl Stops {
 
     /// Asks for a stop that nobody waits for.
     pub fn raise(&self, stop: StopRequest) {
-        let halts = stop == StopRequest::HALT;
-        self.note(if halts {
-            StopKind::Halt
-        } else {
-            StopKind::Stop
-        });
+        self.note(StopKind::of_request(stop));
         self.level.fetch_or(stop.bits(), Release);
     }
 

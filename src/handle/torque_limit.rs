@@ -2,7 +2,7 @@
 
 use crate::{
     Failure,
-    coe::{Number, Object, ObjectAddress, ReadWrite, SdoError, Transfer, Writable, obj},
+    coe::{Object, ReadWrite, obj},
     units::{AxisUnit, Counts},
 };
 
@@ -72,42 +72,13 @@ impl<U: AxisUnit> Axis<U> {
     /// [`AxisErrorKind::Sdo`] where the drive has no such object, or refuses the value.
     pub async fn limit_torque(&self, limit: TorqueLimit) -> Result<LimitedTorque<U>, AxisError> {
         let (object, limit) = limit.parts();
-        let address = object.address();
-        let held = self.handles.read_parameter(address).await?;
-        let before = held.try_into().map(u16::from_le_bytes);
-        let before = before.map_err(|held: Vec<u8>| {
-            let kind = SdoError::WrongSize {
-                transfer: Transfer::read(self.handles.of_axis(address)),
-                expected: 2,
-                got: held.len(),
-            };
-            let kind = AxisErrorKind::Sdo(kind.into());
-            self.handles.shared.error(kind)
-        })?;
-        self.put(object, limit).await?;
+        let before = self.handles.read(object).await?;
+        self.handles.put(object, limit).await?;
         Ok(LimitedTorque {
             axis: self.clone(),
             object,
             before,
         })
-    }
-
-    /// Writes an object of this axis. Where it is mapped, an SDO would be overwritten by the next frame.
-    pub(super) async fn put<T: Number, A: Writable>(
-        &self,
-        object: Object<T, A>,
-        value: T,
-    ) -> Result<(), AxisError> {
-        let handles = &self.handles;
-        let shared = &handles.shared;
-        let address: ObjectAddress = object.address();
-        match shared.outputs.place_of(handles.of_axis(address)) {
-            Some(cell) => {
-                shared.write_output(cell, value.to_raw());
-                Ok(())
-            }
-            None => handles.write_parameter(address, value.encode()).await,
-        }
     }
 }
 
@@ -128,6 +99,6 @@ impl<U: AxisUnit> LimitedTorque<U> {
         if shared.snapshot().has_set_point {
             return Err(shared.error(AxisErrorKind::Failed(Failure::Moving)));
         }
-        self.axis.put(self.object, self.before).await
+        self.axis.handles.put(self.object, self.before).await
     }
 }

@@ -19,6 +19,7 @@ pub use restore::{
     Enabled, MemoryError, MemoryFault, MemorySupport, RestoreError, RestoreFault, Restored,
     defaults_support, load_defaults, store, store_support,
 };
+pub(crate) use restore::{Guard, GuardFault};
 pub use set::{
     Backup, Difference, Differences, Held, Parameter, ParameterObject, ParameterSet, Progress,
     is_parameter,

@@ -372,13 +372,13 @@ pub struct Enabled {
 
 /// Why the axes are not known to be disabled.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum GuardFault {
+pub(crate) enum GuardFault {
     Enabled(Enabled),
     Sdo(SdoError),
 }
 
 /// The axes of a drive.
-pub(super) struct Guard {
+pub(crate) struct Guard {
     axes: u8,
 }
 

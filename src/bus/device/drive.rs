@@ -448,7 +448,7 @@ async fn check_brake(
     brake: &OutputBrake,
     quick_stop: QuickStopOption,
 ) -> Result<(), StepError> {
-    let (bit, _) = brake.bit();
+    let bit = brake.bit();
     let mask = due.read_if_it_can_be(obj::DIGITAL_OUTPUTS_MASK).await?;
     if let Some(mask) = mask.flatten().filter(|mask| mask & bit == 0) {
         let axis = axis.name.clone();

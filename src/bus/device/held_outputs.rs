@@ -5,7 +5,7 @@
 
 use super::config::DriveConfig;
 use crate::{
-    axis::Brake,
+    axis::{Brake, OutputBrake},
     bus::error::{AtStep, BringUpStep, DriveFault, StepError},
     coe::{AxisOffset, DriveError, ObjectAddress, SdoError, SdoHandle, obj},
     parameters::{StartUpLines, StartUpList, Transition, is_parameter},
@@ -18,17 +18,9 @@ const OF_SET_POINT: [u16; 5] = [0x6081, 0x6082, 0x6083, 0x6084, 0x6086];
 /// What is mapped below stands for the padding of a data type (CiA 301, static data types).
 const FIRST_OBJECT: u16 = 0x1000;
 
-/// The brakes of a drive that are on its outputs.
+/// The brakes of a drive that are on its outputs, each with its 60FEh:1.
 #[derive(Debug, Clone, Default)]
-pub(in crate::bus) struct Brakes(Vec<DeclaredBrake>);
-
-/// A brake that the program has declared.
-#[derive(Debug, Clone, Copy)]
-struct DeclaredBrake {
-    object: ObjectAddress,
-    bit: u32,
-    set_level: bool,
-}
+pub(in crate::bus) struct Brakes(Vec<(ObjectAddress, OutputBrake)>);
 
 impl Brakes {
     /// Those that the axes of a drive are declared with.
@@ -38,12 +30,8 @@ impl Brakes {
             let Some(Brake::Output(brake)) = &axis.brake else {
                 return None;
             };
-            let (bit, set_level) = brake.bit();
-            Some(DeclaredBrake {
-                object: obj::DIGITAL_OUTPUTS.offset(description.offset).address(),
-                bit,
-                set_level,
-            })
+            let outputs = obj::DIGITAL_OUTPUTS.offset(description.offset);
+            Some((outputs.address(), *brake))
         });
         Self(brakes.collect())
     }
@@ -53,13 +41,14 @@ impl Brakes {
         if let Some(lowest) = value.first_mut().filter(|_| is_brake(object)) {
             *lowest |= 1;
         }
-        for brake in self.0.iter().filter(|brake| brake.object == object) {
-            for (byte, bits) in value.iter_mut().zip(brake.bit.to_le_bytes()) {
-                *byte = if brake.set_level {
-                    *byte | bits
-                } else {
-                    *byte & !bits
-                };
+        for (_, brake) in self.0.iter().filter(|(outputs, _)| *outputs == object) {
+            let mut held = [0; 4];
+            for (to, byte) in held.iter_mut().zip(value.iter()) {
+                *to = *byte;
+            }
+            let set = brake.in_outputs(u32::from_le_bytes(held), true);
+            for (byte, set) in value.iter_mut().zip(set.to_le_bytes()) {
+                *byte = set;
             }
         }
     }

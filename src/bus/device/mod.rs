@@ -468,6 +468,7 @@ impl Device {
             .at(BringUpStep::State(AlState::Op))
     }
 
+    /// Sets its process-data watchdog, or switches it off, and checks what the device holds then.
     async fn arm(&self, context: &Context, outputs: &Area) -> Result<(), DriveFault> {
         let ticks = match self.watchdog {
             None => 0,

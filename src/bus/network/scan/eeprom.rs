@@ -7,8 +7,9 @@ use crate::{
         line,
         requests::{Context, eeprom::WholeEeprom},
     },
-    coe::{DriveError, DriveId, SdoError, obj},
-    ds402::{State, Statusword},
+    coe::{DriveError, DriveId},
+    ds402::State,
+    parameters::{Enabled, Guard, GuardFault},
     sii::{Identity, SiiImage, SiiImageError},
 };
 
@@ -164,23 +165,15 @@ impl Line {
             .iter()
             .filter_map(|device| device.sdo.as_ref())
         {
-            for axis in 1..=8 {
-                let state = match sdo.read(obj::STATUSWORD.axis(axis)).await {
-                    Ok(word) => Statusword::from_bits_retain(word).state(),
-                    Err(DriveError {
-                        error: SdoError::Aborted { .. },
-                        ..
-                    }) => break,
-                    Err(error) => return Err(error.into()),
-                };
-                if let State::OperationEnabled
-                | State::QuickStopActive
-                | State::FaultReactionActive = state
-                {
-                    let drive = sdo.drive().clone();
-                    return Err(EepromAccessError::Enabled { drive, axis, state });
+            Guard::of(sdo).await.map_err(|fault| {
+                let drive = sdo.drive().clone();
+                match fault {
+                    GuardFault::Enabled(Enabled { axis, state }) => {
+                        EepromAccessError::Enabled { drive, axis, state }
+                    }
+                    GuardFault::Sdo(error) => DriveError { drive, error }.into(),
                 }
-            }
+            })?;
         }
         Ok(())
     }
