@@ -40,7 +40,7 @@ impl fmt::Display for Identity {
 }
 
 /// What an SII image says.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct Sii {
     /// Vendor, product, revision and serial number.

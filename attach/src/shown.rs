@@ -158,6 +158,7 @@ pub(crate) fn sdo_refusal(error: &DriveError) -> Refusal {
         SdoError::Aborted { .. } => (StatusCode::UNPROCESSABLE_ENTITY, "aborted"),
         SdoError::NotSupported { .. } => (StatusCode::UNPROCESSABLE_ENTITY, NOT_SUPPORTED),
         SdoError::Closed { .. } => (StatusCode::SERVICE_UNAVAILABLE, "closed"),
+        SdoError::Absent { .. } => (StatusCode::SERVICE_UNAVAILABLE, "absent"),
         _ => (StatusCode::BAD_GATEWAY, "not_transferred"),
     };
     let abort = match error.error {

@@ -12,7 +12,7 @@ use crate::{
     link::RawSocketError,
     parameters::StartUpError,
     pdo_map::{ConfigureError, MappingError, MappingWrite, verify::MappingDifferences},
-    sii::SiiError,
+    sii::{Mailbox, SiiError},
     units::ScaleDifference,
 };
 
@@ -305,6 +305,17 @@ pub enum DriveFault {
     /// It has no CoE mailbox.
     #[error("its SII names no CoE mailbox")]
     NoMailbox,
+    /// Another device of its kind was in the line before, whose mailbox lay elsewhere.
+    #[error(
+        "its SII names another mailbox than that of the device in its place before: {got:?} instead of {expected:?}. Shut the network down \
+         and start it again"
+    )]
+    OtherMailbox {
+        /// That one's.
+        expected: Mailbox,
+        /// This one's.
+        got: Mailbox,
+    },
     /// Its SII could not be read.
     #[error(transparent)]
     Sii(#[from] EepromError),

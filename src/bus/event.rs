@@ -7,6 +7,7 @@ use crate::{
     bus::{
         cycle::black_box::BlackBox,
         error::{AlStatus, RegisterError},
+        expected::Present,
     },
     coe::DriveId,
 };
@@ -49,6 +50,39 @@ pub enum NetworkEvent {
     /// The skew of a pair is beyond one of its limits ([`Pairing::skew`](crate::axis::Pairing::skew)). A warning comes again once the skew was
     /// below half of it.
     Skew(Arc<SkewReport>),
+    /// An optional group has joined: its devices are in OP, its axes disabled and not referenced.
+    Joined {
+        /// The group's name.
+        group: String,
+        /// Its first drive.
+        drive: DriveId,
+    },
+    /// An optional group cannot join: a wrong device has its number, two have it, or a step failed. Its devices stay in INIT. It is told once,
+    /// and tried again.
+    NotJoined {
+        /// The group's name.
+        group: String,
+        /// Its first drive.
+        drive: DriveId,
+        /// Why, as a [`NetworkError`](crate::NetworkError) says it.
+        why: String,
+    },
+    /// An optional group has left: one of its devices no longer answers. What is left of it goes to INIT.
+    Left {
+        /// The group's name.
+        group: String,
+        /// Its first drive.
+        drive: DriveId,
+    },
+    /// A device was plugged in that is not declared. It stays in INIT.
+    Stranger(Arc<Present>),
+    /// What is plugged into a port does not bring frames back. The port was closed again, and stays closed for as long as it has a link.
+    HalfPlugged {
+        /// The device with the port.
+        device: DriveId,
+        /// The port, from 1 to 3.
+        port: u8,
+    },
     /// The cycles and the reference clock of the distributed clocks.
     Clock {
         /// The SubDevice whose clock is the reference.
@@ -69,6 +103,11 @@ impl NetworkEvent {
             Self::FollowingErrorHigh { axis, .. } => &axis.drive,
             Self::Skew(report) => &report.axes[0].drive,
             Self::Miscounted(miscounted) => miscounted.suspect(),
+            Self::Joined { drive, .. }
+            | Self::NotJoined { drive, .. }
+            | Self::Left { drive, .. } => drive,
+            Self::Stranger(present) => &present.id,
+            Self::HalfPlugged { device, .. } => device,
             Self::Clock { reference, .. } => reference,
         }
     }
@@ -93,6 +132,18 @@ impl fmt::Display for NetworkEvent {
             ),
             Self::Skew(report) => write!(f, "{report}"),
             Self::Miscounted(miscounted) => write!(f, "{miscounted}"),
+            Self::Joined { group, drive } => write!(f, "group `{group}` has joined, with {drive}"),
+            Self::NotJoined { group, why, .. } => write!(f, "group `{group}` cannot join: {why}"),
+            Self::Left { group, drive } => write!(f, "group `{group}` has left, with {drive}"),
+            Self::Stranger(present) => write!(
+                f,
+                "a device that is not declared was plugged in at position {}, and stays in INIT: {present}",
+                present.id.position
+            ),
+            Self::HalfPlugged { device, port } => write!(
+                f,
+                "frames that went out of port {port} of {device} did not come back, and the port is closed: look at the connector there"
+            ),
             Self::Clock { reference, event } => write!(f, "{reference}: {event}"),
         }
     }

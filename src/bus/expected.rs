@@ -24,6 +24,16 @@ pub enum DevicePlace {
     Position(u16),
     /// Wherever the one device with this configured station alias (register 0012h, word 4 of the SII) stands.
     Alias(u16),
+    /// Wherever the one device stands that says this by explicit device identification (ETG.1020): it is asked by bit 5 of AL control
+    /// 0120h, and answers in 0134h.
+    Identification(u16),
+    /// The same, of devices whose ESI names a register for it (`IdentificationAdo`).
+    IdentificationAt {
+        /// The register.
+        register: u16,
+        /// What stands there.
+        id: u16,
+    },
     /// Wherever the one device of this kind stands.
     Identity {
         /// The vendor ID.
@@ -33,6 +43,16 @@ pub enum DevicePlace {
         /// The serial number, where there are several of the kind.
         serial: Option<u32>,
     },
+}
+
+impl DevicePlace {
+    /// Whether it is a number that devices have to which none was given.
+    pub(super) const fn is_nobodys(self) -> bool {
+        matches!(
+            self,
+            Self::Alias(0) | Self::Identification(0) | Self::IdentificationAt { id: 0, .. }
+        )
+    }
 }
 
 impl From<u16> for DevicePlace {
@@ -53,6 +73,10 @@ impl fmt::Display for DevicePlace {
         match self {
             Self::Position(position) => write!(f, "position {position}"),
             Self::Alias(alias) => write!(f, "alias {alias}"),
+            Self::Identification(id) => write!(f, "identification {id}"),
+            Self::IdentificationAt { register, id } => {
+                write!(f, "identification {id} in register {register:04X}h")
+            }
             Self::Identity {
                 vendor,
                 product,
@@ -138,6 +162,21 @@ impl Expected {
             && is(self.serial, identity.serial)
     }
 
+    /// What is said of its identity, with 0 for the rest.
+    pub(super) fn identity(&self) -> Identity {
+        Identity {
+            vendor: self.vendor.unwrap_or_default(),
+            product: self.product.unwrap_or_default(),
+            revision: self.revision.unwrap_or_default(),
+            serial: self.serial.unwrap_or_default(),
+        }
+    }
+
+    /// Whether it may be a device of this kind.
+    pub(super) fn is_of(&self, vendor: u32, product: u32) -> bool {
+        self.vendor.is_none_or(|own| own == vendor) && self.product.is_none_or(|own| own == product)
+    }
+
     /// Whether it can be distinguished from other devices.
     const fn says_something(&self) -> bool {
         self.vendor.is_some() || self.product.is_some() || self.serial.is_some()
@@ -173,8 +212,28 @@ impl fmt::Display for Expected {
 pub struct Present {
     /// Its position, its name and what it says it is.
     pub id: DriveId,
-    /// Its configured station alias, where that was read: it is when a device is expected by alias.
-    pub alias: Option<u16>,
+    /// Its configured station alias and its identification, where these were read: they are when a device is expected by one.
+    pub numbers: Vec<DevicePlace>,
+}
+
+impl Present {
+    /// Whether the device is the one that is meant by this, wherever it stands.
+    pub(super) fn says(&self, place: DevicePlace) -> bool {
+        let identity = &self.id.identity;
+        match place {
+            DevicePlace::Position(_) => false,
+            DevicePlace::Identity {
+                vendor,
+                product,
+                serial,
+            } => {
+                identity.vendor == vendor
+                    && identity.product == product
+                    && serial.is_none_or(|serial| serial == identity.serial)
+            }
+            number => self.numbers.contains(&number),
+        }
+    }
 }
 
 impl fmt::Display for Present {
@@ -190,10 +249,10 @@ impl fmt::Display for Present {
             "{} ({vendor:08X}h:{product:08X}h, revision {revision:08X}h, serial {serial:08X}h",
             self.id.name
         )?;
-        match self.alias {
-            None | Some(0) => f.write_str(")"),
-            Some(alias) => write!(f, ", alias {alias})"),
+        for number in &self.numbers {
+            write!(f, ", {number}")?;
         }
+        f.write_str(")")
     }
 }
 
@@ -364,6 +423,46 @@ pub(super) fn compare(
     Err(LineMismatch(check.rows(complete)))
 }
 
+/// Which of these devices each one of an optional group is; none unless all of it are there.
+pub(super) fn locate(
+    group: &[(DevicePlace, Expected)],
+    there: &[Present],
+) -> Result<Option<Vec<usize>>, LineMismatch> {
+    let mut found = Vec::new();
+    let mut rows = Vec::new();
+    for (place, expected) in group {
+        let meant = there
+            .iter()
+            .enumerate()
+            .filter(|(_, device)| device.says(*place));
+        let meant: Vec<_> = meant.collect();
+        let (device, verdict) = match meant.as_slice() {
+            [] => continue,
+            &[(at, device)] if expected.matches(&device.id.identity) => {
+                found.push(at);
+                continue;
+            }
+            &[(_, device)] => (device, LineVerdict::Different),
+            &[(_, device), ..] => {
+                let positions = meant.iter().map(|(_, device)| device.id.position);
+                let positions = positions.collect();
+                (device, LineVerdict::NotUnique { positions })
+            }
+        };
+        rows.push(LineRow {
+            position: Some(device.id.position),
+            expected: Some((*place, expected.clone())),
+            found: Some(device.clone()),
+            verdict,
+        });
+    }
+    if rows.is_empty() {
+        Ok((found.len() == group.len()).then_some(found))
+    } else {
+        Err(LineMismatch(rows))
+    }
+}
+
 struct Check<'a> {
     expected: &'a [(DevicePlace, Expected)],
     line: &'a [Present],
@@ -525,22 +624,9 @@ impl Check<'_> {
     }
 
     fn is_at(&self, place: DevicePlace, at: usize) -> bool {
-        let Some(present) = self.line.get(at) else {
-            return false;
-        };
-        let identity = &present.id.identity;
         match place {
             DevicePlace::Position(position) => usize::from(position) == at,
-            DevicePlace::Alias(alias) => present.alias == Some(alias),
-            DevicePlace::Identity {
-                vendor,
-                product,
-                serial,
-            } => {
-                identity.vendor == vendor
-                    && identity.product == product
-                    && serial.is_none_or(|serial| serial == identity.serial)
-            }
+            place => self.line.get(at).is_some_and(|present| present.says(place)),
         }
     }
 

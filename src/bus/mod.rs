@@ -44,7 +44,8 @@ pub use error::{
 };
 pub use event::{ClockEvent, DeviceFinding, Finding, Miscounted, NetworkEvent, Recovered};
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, LineVerdict, Present};
-pub use network::builder::{NetworkBuilder, Starting};
+pub use network::builder::{HotConnectGroup, NetworkBuilder, Starting};
+pub use network::hot_connect::HotConnect;
 pub use network::scan::{
     EepromAccessError, EepromContent, EepromWritten, ImageKind, Line, LineDevice,
 };

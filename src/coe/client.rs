@@ -122,34 +122,39 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         settings: MailboxSettings,
         drive: DriveId,
     ) -> (Self, SdoHandle, Emergencies) {
-        let waiters = Waiters::direct;
-        Self::with(transport, clock, settings, drive, waiters)
+        let capacities = (settings.request_capacity, settings.emergency_capacity);
+        let (unserved, sdo, emergencies) = UnservedMailbox::new(capacities, drive, Waiters::direct);
+        let client = Self::serving(unserved, transport, clock, settings);
+        (client, sdo, emergencies)
     }
 
-    /// The same; the tasks that wait for it wait at these.
-    pub(crate) fn with(
+    /// A client that serves this mailbox.
+    pub(crate) fn serving(
+        unserved: UnservedMailbox,
         transport: T,
         clock: C,
         settings: MailboxSettings,
-        drive: DriveId,
-        waiters: impl Fn() -> Arc<Waiters>,
-    ) -> (Self, SdoHandle, Emergencies) {
-        let (callers, calls) = calls(settings, waiters());
-        let (queue, emergencies) = EmergencyQueue::new(settings.emergency_capacity, waiters());
-        let drive = Arc::new(drive);
+    ) -> Self {
+        let UnservedMailbox {
+            drive,
+            calls,
+            emergencies,
+            signal,
+        } = unserved;
+        calls.begin(settings);
         let read_length = settings.read_length.max(SHORTEST_MAILBOX);
-        let client = Self {
-            drive: Arc::clone(&drive),
+        Self {
+            drive,
             transport,
             clock,
             settings,
             calls,
             served: None,
-            emergencies: queue,
+            emergencies,
             of_network: None,
             texts: Arc::default(),
             notes: None,
-            signal: MailboxSignal::default(),
+            signal,
             counters: Counters::default(),
             request: Vec::with_capacity(settings.write_length.max(SHORTEST_MAILBOX)),
             reply: vec![0; read_length],
@@ -163,13 +168,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             unconfirmed: UnconfirmedWrite::default(),
             poll_timing: PollTiming::default(),
             failures: 0,
-        };
-        let handle = SdoHandle {
-            server: Server::Mailbox(Arc::new(callers)),
-            drive,
-            timeout: None,
-        };
-        (client, handle, emergencies)
+        }
     }
 
     /// The same client for a drive whose error codes mean this.
@@ -192,6 +191,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     }
 
     /// By which a bus loop reports what it sees of the mailbox: then the client does not look while nothing is due.
+    #[cfg(test)]
     pub(crate) fn signal(&self) -> MailboxSignal {
         self.signal.clone()
     }
@@ -436,6 +436,46 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     }
 }
 
+// A mailbox whose device is not there yet: handles of it exist, and nobody serves them.
+
+/// The client's end of a mailbox that is not served yet; transfers fail until then.
+pub(crate) struct UnservedMailbox {
+    drive: Arc<DriveId>,
+    calls: RequestReceiver,
+    emergencies: EmergencyQueue,
+    signal: MailboxSignal,
+}
+
+impl UnservedMailbox {
+    /// With the program's ends, for so many waiting requests and emergencies. The tasks that wait for these wait at `waiters`.
+    pub(crate) fn new(
+        (requests, emergencies): (usize, usize),
+        drive: DriveId,
+        waiters: impl Fn() -> Arc<Waiters>,
+    ) -> (Self, SdoHandle, Emergencies) {
+        let (callers, calls) = calls(requests, waiters());
+        let (queue, emergencies) = EmergencyQueue::new(emergencies, waiters());
+        let drive = Arc::new(drive);
+        let unserved = Self {
+            drive: Arc::clone(&drive),
+            calls,
+            emergencies: queue,
+            signal: MailboxSignal::default(),
+        };
+        let sdo = SdoHandle {
+            server: Server::Mailbox(Arc::new(callers)),
+            drive,
+            timeout: None,
+        };
+        (unserved, sdo, emergencies)
+    }
+
+    /// By which a bus loop reports what it sees of the mailbox: then the client does not look while nothing is due.
+    pub(crate) fn signal(&self) -> MailboxSignal {
+        self.signal.clone()
+    }
+}
+
 // Settings of a mailbox client: lengths, deadlines, bounds.
 
 /// Lengths, deadlines and bounds of a mailbox client.
@@ -486,7 +526,13 @@ pub struct MailboxSettings {
     pub emergency_capacity: usize,
 }
 
+const REQUESTS: usize = 16;
+const EMERGENCIES: usize = 64;
+
 impl MailboxSettings {
+    /// How many requests and how many emergencies may wait, where nobody sets anything else.
+    pub(crate) const CAPACITIES: (usize, usize) = (REQUESTS, EMERGENCIES);
+
     /// The settings for the mailbox of a device with this SII, as [`MailboxSettings::new`].
     #[must_use]
     pub fn of(sii: &Sii, mailbox: &Mailbox) -> Self {
@@ -512,8 +558,8 @@ impl MailboxSettings {
             sdo_information: true,
             complete_access: false,
             attempts: 5,
-            request_capacity: 16,
-            emergency_capacity: 64,
+            request_capacity: REQUESTS,
+            emergency_capacity: EMERGENCIES,
         }
     }
 }

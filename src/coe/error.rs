@@ -118,6 +118,12 @@ pub enum SdoError {
         /// What was attempted.
         transfer: Transfer,
     },
+    /// The device is of an optional group that has not joined yet.
+    #[error("{transfer}: the device is not in the line: its group has not joined yet")]
+    Absent {
+        /// What was attempted.
+        transfer: Transfer,
+    },
     /// The program that has the drive's line did not do it: of an `SdoHandle::remote`.
     #[error("{transfer}: {reason}")]
     Remote {
@@ -144,6 +150,7 @@ impl SdoError {
             | Self::Cut { transfer, .. }
             | Self::Link { transfer, .. }
             | Self::Closed { transfer }
+            | Self::Absent { transfer }
             | Self::Remote { transfer, .. } => transfer,
         }
     }

@@ -6,6 +6,7 @@ use core::future::poll_fn;
 use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering, fence};
 use core::task::Poll;
 use core::time::Duration;
+use std::sync::OnceLock;
 
 use atomic_waker::AtomicWaker;
 use crossbeam_queue::ArrayQueue;
@@ -178,7 +179,9 @@ impl SdoHandle {
         index: u16,
     ) -> Result<Option<Vec<T>>, DriveError> {
         let is_there = match &self.server {
-            Server::Mailbox(calls) => calls.settings().complete_access,
+            Server::Mailbox(calls) => calls
+                .settings()
+                .is_some_and(|settings| settings.complete_access),
             Server::Remote(_) => false,
         };
         if !is_there {
@@ -218,7 +221,7 @@ impl SdoHandle {
 
     fn new_download(&self, object: ObjectAddress, data: Vec<u8>) -> Download {
         let mailbox = match &self.server {
-            Server::Mailbox(calls) => calls.settings().write_length,
+            Server::Mailbox(calls) => calls.settings().map_or(0, |settings| settings.write_length),
             // The other program cuts it up for the drive's.
             Server::Remote(_) => 0,
         };
@@ -261,8 +264,10 @@ impl SdoHandle {
                 return answer.map_err(|error| self.error(error));
             }
         };
-        let usual = calls.settings().reply_timeout;
-        let timeout = self.timeout.unwrap_or(usual);
+        let Some(settings) = calls.settings() else {
+            return Err(self.error(SdoError::Absent { transfer }));
+        };
+        let timeout = self.timeout.unwrap_or(settings.reply_timeout);
         let request = Request {
             transfer,
             dialogue,
@@ -533,18 +538,16 @@ struct Calls {
     waiters: Arc<Waiters>,
     callers_gone: AtomicBool,
     client_gone: AtomicBool,
-    settings: MailboxSettings,
+    /// Of the device's mailbox, once it is served.
+    settings: OnceLock<MailboxSettings>,
     /// Bytes of the longest answer, or the usual room.
     longest: AtomicUsize,
 }
 
 /// The callers' end and the client's.
-pub(super) fn calls(
-    settings: MailboxSettings,
-    waiters: Arc<Waiters>,
-) -> (Callers, RequestReceiver) {
+pub(super) fn calls(capacity: usize, waiters: Arc<Waiters>) -> (Callers, RequestReceiver) {
     // One is served while the others wait.
-    let count = settings.request_capacity.max(1).saturating_add(1);
+    let count = capacity.max(1).saturating_add(1);
     let free = ArrayQueue::new(count);
     for _ in 0..count {
         // There is room for all.
@@ -557,7 +560,7 @@ pub(super) fn calls(
         waiters,
         callers_gone: AtomicBool::new(false),
         client_gone: AtomicBool::new(false),
-        settings,
+        settings: OnceLock::new(),
         longest: AtomicUsize::new(USUAL_ROOM),
     });
     (Callers(Arc::clone(&calls)), RequestReceiver(calls))
@@ -568,8 +571,8 @@ pub(super) fn calls(
 pub(super) struct Callers(Arc<Calls>);
 
 impl Callers {
-    fn settings(&self) -> &MailboxSettings {
-        &self.0.settings
+    fn settings(&self) -> Option<&MailboxSettings> {
+        self.0.settings.get()
     }
 
     /// Bytes that an answer of unknown length is to be given: no answer before was longer.
@@ -644,6 +647,12 @@ impl Drop for CallGuard {
 pub(super) struct RequestReceiver(Arc<Calls>);
 
 impl RequestReceiver {
+    /// From now on calls are served, with these settings.
+    pub fn begin(&self, settings: MailboxSettings) {
+        // A client serves its mailbox once.
+        let _ = self.0.settings.set(settings);
+    }
+
     /// The next call; `None` if nobody can call any more.
     pub async fn next(&self) -> Option<Call> {
         let calls = &*self.0;
@@ -815,18 +824,17 @@ mod tests {
     use crate::coe::{AbortCode, obj, object::ObjectAddress};
     use crate::sii::{Identity, Mailbox, Protocols};
 
-    fn settings(request_capacity: usize) -> MailboxSettings {
-        let mailbox = Mailbox {
+    /// Calls of which so many may wait, which are served.
+    fn served_calls(capacity: usize) -> (Callers, RequestReceiver) {
+        let (callers, served) = calls(capacity, Waiters::direct());
+        served.begin(MailboxSettings::new(&Mailbox {
             receive_offset: 0,
             receive_length: 64,
             send_offset: 0,
             send_length: 64,
             protocols: Protocols(4),
-        };
-        MailboxSettings {
-            request_capacity,
-            ..MailboxSettings::new(&mailbox)
-        }
+        }));
+        (callers, served)
     }
 
     fn request(index: u16) -> Request {
@@ -855,7 +863,7 @@ mod tests {
     #[test]
     fn every_caller_gets_its_own_answer_and_every_place_is_given_back_though_callers_go_away() {
         const CALLS: u16 = 400;
-        let (callers, served) = calls(settings(2), Waiters::direct());
+        let (callers, served) = served_calls(2);
         let callers = Arc::new(callers);
         let asked: Vec<_> = (0..6u16)
             .map(|thread| {
@@ -901,7 +909,7 @@ mod tests {
 
     #[test]
     fn what_a_caller_leaves_behind_is_no_answer_for_the_next() {
-        let (callers, served) = calls(settings(1), Waiters::direct());
+        let (callers, served) = served_calls(1);
         let mut context = Context::from_waker(Waker::noop());
         for left in [1, 2] {
             {
@@ -933,7 +941,7 @@ mod tests {
                 self.0.store(true, Ordering::Release);
             }
         }
-        let (callers, served) = calls(settings(1), Waiters::direct());
+        let (callers, served) = served_calls(1);
         let mut context = Context::from_waker(Waker::noop());
         let mut kept: Vec<_> = (0..3).map(|_| Box::pin(callers.call(request(1)))).collect();
         for call in &mut kept {
@@ -955,7 +963,7 @@ mod tests {
 
     #[test]
     fn calls_that_wait_for_a_place_or_an_answer_end_with_the_client() {
-        let (callers, served) = calls(settings(1), Waiters::direct());
+        let (callers, served) = served_calls(1);
         let callers = Arc::new(callers);
         let waiting: Vec<_> = (0..4)
             .map(|index| {
@@ -974,7 +982,7 @@ mod tests {
 
     #[test]
     fn the_client_serves_what_was_asked_and_ends_when_nobody_can_ask() {
-        let (callers, served) = calls(settings(1), Waiters::direct());
+        let (callers, served) = served_calls(1);
         let mut context = Context::from_waker(Waker::noop());
         {
             let mut call = pin!(callers.call(request(1)));

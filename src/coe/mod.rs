@@ -27,7 +27,7 @@ pub(crate) mod value;
 #[cfg(feature = "std")]
 pub use client::{Clock, MailboxClient, MailboxSettings};
 #[cfg(feature = "std")]
-pub(crate) use client::{MailboxRecord, MailboxSignal};
+pub(crate) use client::{MailboxRecord, MailboxSignal, UnservedMailbox};
 #[cfg(feature = "std")]
 pub(crate) use emergencies::{CodeCounts, EmergencyQueue};
 #[cfg(feature = "std")]

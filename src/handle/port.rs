@@ -48,6 +48,8 @@ pub struct AxisPort {
     /// Why it is not known whether the drive's outputs were delivered: a wrong working counter, or with which AL status code the drive has
     /// left OP. None where nobody says.
     doubt: Option<(Option<WorkingCounter>, Option<u16>)>,
+    /// The drive is of an optional group that is not in the line.
+    is_absent: bool,
 }
 
 #[derive(Debug)]
@@ -75,6 +77,7 @@ impl AxisPort {
             has_fault: false,
             ended: None,
             doubt: None,
+            is_absent: false,
             shared,
         }
     }
@@ -155,6 +158,11 @@ impl AxisPort {
         left_op: Option<u16>,
     ) {
         self.doubt = Some((counter, left_op));
+    }
+
+    /// Whether the drive is of an optional group that is not in the line.
+    pub(crate) const fn set_absent(&mut self, is_absent: bool) {
+        self.is_absent = is_absent;
     }
 
     /// Begins again with its core, which it restarts: whatever handles have asked for or set before does not come into effect
@@ -478,8 +486,14 @@ impl AxisPort {
             return;
         };
         let channel = request.channel();
-        // Somebody halts an axis that was to be held: it stays halted.
+        let unsent = Failure::BusLost {
+            delivery: Delivery::NotSent,
+        };
         let event = match event {
+            Event::Done(Err(failure)) if failure == unsent && self.is_absent => {
+                Event::Done(Err(Failure::Absent))
+            }
+            // Somebody halts an axis that was to be held: it stays halted.
             Event::Halted if request.command == Command::Hold => {
                 let delivery = Delivery::Accepted;
                 Event::Done(Err(Failure::Halted { delivery }))

@@ -379,6 +379,9 @@ pub enum Failure {
         /// How far the set-point came.
         delivery: Delivery,
     },
+    /// The drive is of an optional group that is not in the line (`NetworkBuilder::optional`).
+    #[error("the drive is not in the line: its group has not joined, or has left")]
+    Absent,
     /// The drive answers, but has left OP with an AL status code: it takes no outputs, and acts by 6007h. What to do about it:
     /// `Network::recover`.
     #[error("the drive has left OP with AL status code {code:04X}h{}{}", AlCodeText(*.code), SentText(*.delivery))]
@@ -513,6 +516,7 @@ impl Failure {
             | Self::BrakeNotReleased
             | Self::AxisSlipped { .. } => FailureClass::DriveFault,
             Self::BusLost { .. }
+            | Self::Absent
             | Self::LeftOp { .. }
             | Self::Undelivered { .. }
             | Self::ClockJumped => FailureClass::Lost,

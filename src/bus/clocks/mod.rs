@@ -284,10 +284,11 @@ impl Clocks {
     }
 }
 
-/// Sets the clocks of all SubDevices; the first one is the reference. Nothing if there is none.
+/// Sets the clocks of all SubDevices that last, which are so many; the first one is the reference. Nothing if there is none.
 pub(super) async fn measure(
     context: &Context,
     line: &[Found],
+    lasting: usize,
 ) -> Result<Option<Rc<Clocks>>, NetworkError> {
     let registers = &context.registers;
     registers
@@ -296,7 +297,10 @@ pub(super) async fn measure(
         .map_err(NetworkError::Line)?;
     let stations = || line.iter().map(|found| found.station);
     let latched = stations().map(|station| read_latched(registers.clone(), station));
-    let latched = all(context, line, latched).await?;
+    let mut latched = all(context, line, latched).await?;
+    for (latched, found) in latched.iter_mut().zip(line) {
+        latched.clock = latched.clock.filter(|_| lasts(found, lasting));
+    }
     let Some(Settings {
         reference,
         of_each: settings,
@@ -316,14 +320,13 @@ pub(super) async fn measure(
     ) else {
         return Ok(None);
     };
-    let widths = latched
-        .iter()
-        .map(|latched| Some(latched.clock?.width))
-        .collect::<Vec<_>>();
-    let delays: Vec<_> = settings
-        .iter()
-        .map(|set| Some(set.as_ref()?.delay))
-        .collect();
+    let members = || line.iter().map(|found| lasts(found, lasting));
+    let widths = latched.iter().zip(members());
+    let widths = widths.filter_map(|(latched, lasts)| lasts.then(|| Some(latched.clock?.width)));
+    let widths = widths.collect();
+    let delays = settings.iter().zip(members());
+    let delays = delays.filter_map(|(set, lasts)| lasts.then(|| Some(set.as_ref()?.delay)));
+    let delays = delays.collect();
     Ok(Some(Rc::new(Clocks {
         distribution: Distribution {
             station: first.station,
@@ -335,6 +338,11 @@ pub(super) async fn measure(
         taught: Cell::new(None),
         stands: Cell::new(false),
     })))
+}
+
+/// Whether a device is none of an optional group: those are numbered behind the others.
+fn lasts(found: &Found, lasting: usize) -> bool {
+    usize::from(found.id.position) < lasting
 }
 
 async fn read_latched(registers: Registers, station: u16) -> Result<Latched, RegisterError> {

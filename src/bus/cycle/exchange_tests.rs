@@ -47,6 +47,7 @@ fn two_drives() -> Exchange {
         lrw: true,
         marker: InputMarker::Statusword,
         patience: 3,
+        leaves: false,
     };
     Exchange::new(&[member(0), member(3)], Vec::new(), None)
 }
@@ -321,6 +322,7 @@ fn drive_and_inputs() -> Exchange {
         lrw: true,
         marker,
         patience: 3,
+        leaves: false,
     };
     Exchange::new(
         &[
@@ -397,6 +399,7 @@ fn a_device_without_inputs_has_a_datagram_of_its_own_whose_counter_tells_whether
         lrw: true,
         marker,
         patience: 3,
+        leaves: false,
     };
     let mut exchange = Exchange::new(
         &[
@@ -445,6 +448,7 @@ fn each_frame_of_a_cycle_has_a_place_of_its_own_and_more_than_have_one_are_refus
         lrw: true,
         marker: InputMarker::Statusword,
         patience: 3,
+        leaves: false,
     };
     let exchange = |frames: u32| {
         let members: Vec<_> = (0..frames).map(|place| long(1388 * place)).collect();
@@ -532,6 +536,7 @@ fn members() -> impl Strategy<Value = Vec<Member>> {
                 InputMarker::Statusword
             },
             patience,
+            leaves: false,
         };
         let placed = members.into_iter().zip(logical_addresses(&sizes));
         placed.map(of).collect()
@@ -639,7 +644,9 @@ proptest! {
                     match seen {
                         ShownByDrive::InOp => drive.seen = SeenState::Op,
                         ShownByDrive::Fallen => drive.seen = SeenState::LeftOp,
-                        ShownByDrive::PutBack => drive.put_back(),
+                        ShownByDrive::PutBack => {
+                            exchange.drives.put_back(place);
+                        }
                         ShownByDrive::Away => exchange.drives.take_away(place),
                     }
                 }
@@ -675,6 +682,7 @@ fn where_all_is_right_the_short_check_judges() {
         lrw: true,
         marker,
         patience: 3,
+        leaves: false,
     };
     let members = [
         member(0, InputMarker::Statusword),

@@ -331,6 +331,8 @@ pub(in crate::bus) struct Member {
     pub marker: InputMarker,
     /// Consecutive silent cycles after which it counts as lost.
     pub patience: u32,
+    /// It may come and go: the working counters of all others are the same with and without it.
+    pub leaves: bool,
 }
 
 /// How a device's inputs show that it answered. Of one without inputs the working counter of its own datagram shows it.
@@ -446,11 +448,12 @@ impl Packer {
             outputs,
             inputs,
             lrw,
+            leaves,
             ..
         } = *member;
         let logical_inputs = logical.saturating_add(u32::try_from(outputs).unwrap_or(u32::MAX));
         // Only a working counter shows whether such a device is there.
-        let alone = inputs == 0;
+        let alone = inputs == 0 || leaves;
         let share = |out: bool, inp: bool, counts| Share {
             drive,
             outputs: (out && outputs != 0).then_some(0..outputs),
@@ -478,7 +481,7 @@ impl Packer {
                 logical_inputs,
                 inputs,
                 share(false, true, 1),
-                false,
+                leaves,
             );
         }
         if outputs != 0 {

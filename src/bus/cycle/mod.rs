@@ -464,6 +464,15 @@ impl Exchange {
         }
         (self.all_fresh, self.changed) = (true, false);
         for part in &mut self.packed.parts {
+            if let [share] = part.shares.as_slice()
+                && let Some(drive) = self.drives.get_mut(share.drive)
+                && drive.away
+            {
+                // Nobody else is counted in it.
+                drive.answer = Answer::Stale;
+                (part.steady, part.miscounted) = (false, None);
+                continue;
+            }
             let frame = self.packed.frames.get(part.frame);
             let frame = frame.filter(|frame| frame.back);
             let unchanged = frame
@@ -518,7 +527,8 @@ impl Exchange {
 
     /// Counts who was silent and whose outputs may not have been delivered.
     fn count_silence(&mut self, counters: &Counters, events: &mut Events) {
-        for (place, drive) in self.drives.iter_mut().enumerate() {
+        let drives = self.drives.iter_mut().enumerate();
+        for (place, drive) in drives.filter(|(_, drive)| !drive.away) {
             events.membership |= drive.count_silence();
             if drive.answer != Answer::Fresh
                 && let Some(counters) = counters.drive(place)
@@ -597,7 +607,7 @@ pub(in crate::bus) struct Drives {
     drives: Box<[DriveData]>,
     /// Whether outputs of any of them were written since they were packed.
     written: bool,
-    /// Whether one was taken away since the last cycle was judged.
+    /// Whether one was taken away or put back since the last cycle was judged.
     disturbed: bool,
     /// Whether it was not known of any in the last cycle whether its outputs were delivered, or why has become known.
     pub doubted: bool,
@@ -731,7 +741,15 @@ impl Drives {
         }
     }
 
-    /// Whether one was taken away: then nothing holds that was judged before. For whoever asks first.
+    /// It counts again from now on; whether it is lost shows.
+    pub fn put_back(&mut self, place: usize) -> Option<&mut DriveData> {
+        let drive = self.drives.get_mut(place)?;
+        drive.away = false;
+        self.disturbed = true;
+        Some(drive)
+    }
+
+    /// Whether one was taken away or put back: then nothing holds that was judged before. For whoever asks first.
     pub fn take_disturbed(&mut self) -> bool {
         core::mem::take(&mut self.disturbed)
     }
@@ -775,12 +793,6 @@ impl DriveData {
             patience: member.patience,
             marker: member.marker,
         }
-    }
-
-    /// It is set up, and not yet in OP.
-    pub const fn put_back(&mut self) {
-        self.away = false;
-        self.seen = SeenState::LeftOp;
     }
 
     /// Whether it is in OP, so that it acts on its outputs.

@@ -156,15 +156,7 @@ impl Drive {
                 axes.push(ready);
                 continue;
             }
-            let mut ready = ReadyAxis {
-                name: axis.name.clone(),
-                offset,
-                scale: axis.scale,
-                config: self.declared(axis, fields),
-                following_error_warning: axis.following_error_counts(),
-                held: HeldLimits::default(),
-                shows_homed: None,
-            };
+            let mut ready = self.unread(axis, offset, fields);
             self.read_axis(Reading::Overwritten, sdo, axis, &mut ready)
                 .await?;
             let on_loss = obj::ABORT_CONNECTION_OPTION.offset(offset);
@@ -184,6 +176,28 @@ impl Drive {
             self.held = HeldOutputs::read(&self.layout, offsets, lists, &brakes, sdo).await?;
         }
         Ok(())
+    }
+
+    /// Its axes before anything was read of them, for the time in which the drive is not there.
+    pub(super) fn declare_axes(&mut self) -> Result<(), StepError> {
+        for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
+            let offset = description.offset;
+            let fields = AxisFields::from_layout(&self.layout, offset).at(BringUpStep::Mapping)?;
+            self.axes.push(self.unread(axis, offset, fields));
+        }
+        Ok(())
+    }
+
+    fn unread(&self, axis: &AxisConfig, offset: AxisOffset, fields: AxisFields) -> ReadyAxis {
+        ReadyAxis {
+            name: axis.name.clone(),
+            offset,
+            scale: axis.scale,
+            config: self.declared(axis, fields),
+            following_error_warning: axis.following_error_counts(),
+            held: HeldLimits::default(),
+            shows_homed: None,
+        }
     }
 
     /// In PREOP, before anything that is counted in their units: factors as the scales of its axes say, where the program wants that.

@@ -106,7 +106,7 @@ struct Port {
 }
 
 impl Ports {
-    /// The ports of those of these devices that are no drives; the drives stand before them.
+    /// The ports of those of these devices that are no drives; these stand one behind the other.
     pub fn open(devices: &[Device]) -> Self {
         let ports = devices.iter().filter_map(|device| match &device.kind {
             DeviceKind::Drive(_) => None,
@@ -116,9 +116,9 @@ impl Ports {
                 held: false,
             }),
         });
-        let drives = devices.iter().filter_map(Device::as_drive);
+        let is_io = |device: &Device| device.as_drive().is_none();
         Self {
-            first: drives.count(),
+            first: devices.iter().position(is_io).unwrap_or(devices.len()),
             ports: ports.collect(),
             ended: false,
         }
@@ -262,6 +262,7 @@ mod tests {
             lrw: true,
             marker: InputMarker::AnyBits,
             patience: 10,
+            leaves: false,
         }]);
         let shared = Arc::new(shared);
         let mut port = Port {

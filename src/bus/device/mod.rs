@@ -13,7 +13,7 @@ pub(super) mod io_points;
 pub(super) mod io_port;
 pub(super) mod progress;
 
-use std::{rc::Rc, sync::Arc, time::Duration};
+use std::{cell::Cell, rc::Rc, sync::Arc, time::Duration};
 
 use super::{
     clocks::{self, Clocks},
@@ -35,11 +35,11 @@ use super::{
 use crate::{
     coe::{
         AbortCode, Clock, DriveId, Emergencies, ErrorTexts, EthercrabMailbox, MailboxClient,
-        MailboxSettings, MailboxSignal, ObjectAddress, SdoHandle,
+        MailboxSettings, MailboxSignal, ObjectAddress, SdoHandle, UnservedMailbox,
     },
     parameters::{StartUpLines, StartUpList, Transition},
     pdo_map::{self, ConfigureError, Direction, Layout, MappedPdo, Mapping},
-    sii::{FmmuUsage, SyncManagerUsage},
+    sii::{self, FmmuUsage, SyncManagerUsage},
 };
 use config::{DriveConfig, Watchdog};
 use drive::Drive;
@@ -66,6 +66,8 @@ pub(in crate::bus) struct Device {
     pub progress: Rc<Progress>,
     /// Whether it takes LRW.
     lrw: bool,
+    /// Whether it may come and go.
+    leaves: bool,
     /// Silent cycles after which an I/O device counts as lost.
     patience: u32,
     /// The watchdog's time; none if the program does without.
@@ -100,6 +102,51 @@ impl Device {
                 return Err(fault).at(BringUpStep::Mapping).of(&found.id);
             }
         };
+        let times = (watchdog, cycle);
+        Self::mapped(found, place, (config, mapping), times, clocks, progress)
+    }
+
+    /// A declared drive that is not there yet. Its axes exist, and nothing was read of them.
+    pub fn absent(
+        context: &Context,
+        id: DriveId,
+        place: DevicePlace,
+        config: DriveConfig,
+        times: (&Watchdog, Duration),
+        progress: Rc<Progress>,
+    ) -> Result<Self, NetworkError> {
+        let mapping = config.mapping();
+        let mapping = mapping.at(BringUpStep::Mapping).of(&id)?;
+        let error_texts = config.description.error_texts.clone();
+        let mailbox = Mailbox::unserved(context, &id, error_texts);
+        let (found, drive) = (Found::absent(id), (config, mapping));
+        let mut device = Self::mapped(found, place, drive, times, None, progress)?;
+        if let DeviceKind::Drive(drive) = &mut device.kind {
+            drive.declare_axes().of(&device.found.id)?;
+        }
+        device.mailbox = Some(mailbox);
+        device.leaves = true;
+        Ok(device)
+    }
+
+    /// As this drive comes into the line, of whose kind another one may have been there: nothing is known of it.
+    pub fn join(&mut self, found: Found) {
+        let id = self.found.id.clone();
+        self.found = found;
+        (self.found.id.position, self.found.id.name) = (id.position, id.name);
+        if let DeviceKind::Drive(drive) = &mut self.kind {
+            drive.axes.clear();
+        }
+    }
+
+    fn mapped(
+        found: Found,
+        place: DevicePlace,
+        (config, mapping): (DriveConfig, Mapping),
+        (watchdog, cycle): (&Watchdog, Duration),
+        clocks: Option<Rc<Clocks>>,
+        progress: Rc<Progress>,
+    ) -> Result<Self, NetworkError> {
         let layout = mapping.layout();
         config.log_what_is_not_mapped(&layout, &found.id);
         let start_up = config.start_up.clone();
@@ -150,6 +197,7 @@ impl Device {
             logical: 0,
             progress,
             lrw: true,
+            leaves: false,
             patience: watchdog.loss(cycle).stale_cycles,
             watchdog: watchdog.time(cycle),
             start_up,
@@ -217,6 +265,7 @@ impl Device {
             lrw: self.lrw,
             marker,
             patience,
+            leaves: self.leaves,
         }
     }
 
@@ -264,28 +313,25 @@ impl Device {
         let Found { station, id, .. } = &self.found;
         let identity = eeprom::identity(registers, *station).await;
         let identity = identity.at(BringUpStep::Sii)?;
-        let alias = match self.place {
-            DevicePlace::Alias(_) => {
-                let alias = registers.read(*station, crate::esc::STATION_ALIAS).await;
-                Some(u16::from_le_bytes(alias.at(BringUpStep::Identity)?))
-            }
-            _ => None,
-        };
+        let numbers = line::numbers(registers, *station, &[self.place]).await;
         let id = DriveId {
             position: id.position,
             name: String::new(),
             identity,
         };
-        Ok(Present { id, alias })
+        Ok(Present {
+            id,
+            numbers: numbers.at(BringUpStep::Identity)?,
+        })
     }
 
-    /// Whether that is the device of the start. One that was declared by its alias must have that still.
+    /// Whether that is the device of the start. One that was declared by a number must have that still.
     pub fn is(&self, present: &Present) -> bool {
-        let has_alias = match self.place {
-            DevicePlace::Alias(alias) => present.alias == Some(alias),
-            _ => true,
+        let is_meant = match self.place {
+            DevicePlace::Position(_) | DevicePlace::Identity { .. } => true,
+            number => present.says(number),
         };
-        has_alias && present.id.identity == self.found.id.identity
+        is_meant && present.id.identity == self.found.id.identity
     }
 
     /// In PREOP: start-up lists, PDOs, and of a drive's parameters those that its outputs will overwrite.
@@ -303,14 +349,13 @@ impl Device {
             return Ok(());
         };
         let done = |step| self.progress.step(&self.found.id, step);
-        let error_texts = || drive.config.description.error_texts.clone();
-        let mailbox = self.mailbox.take();
-        let mailbox = mailbox
-            .or_else(|| serve_mailbox(context, &self.found, error_texts()))
-            .ok_or(DriveFault::NoMailbox)
-            .at(BringUpStep::Sii)?;
+        let mailbox = self.mailbox.get_or_insert_with(|| {
+            let error_texts = drive.config.description.error_texts.clone();
+            Mailbox::unserved(context, &self.found.id, error_texts)
+        });
+        let served = mailbox.serve(context, &self.found);
+        served.at(BringUpStep::Sii)?;
         let sdo = mailbox.sdo.clone();
-        self.mailbox = Some(mailbox);
         if let Some(clock) = &drive.config.clock {
             clocks::set_sync_types(context, &sdo, clock, drive.cycle)
                 .await
@@ -576,13 +621,74 @@ async fn assigned(direction: Direction, sdo: &SdoHandle) -> Result<Vec<MappedPdo
 
 // Its mailbox, once it is served on the bus thread.
 
-/// A SubDevice's mailbox that is served.
+/// A SubDevice's mailbox.
 #[derive(Clone)]
 pub(in crate::bus) struct Mailbox {
     pub sdo: SdoHandle,
     pub emergencies: Emergencies,
     pub signal: MailboxSignal,
     pub error_texts: Arc<ErrorTexts>,
+    service: Rc<Service>,
+}
+
+/// Who serves it.
+struct Service {
+    /// Nobody: the device has not been in the line yet.
+    unserved: Cell<Option<UnservedMailbox>>,
+    /// A client, which has it in these areas of the device's memory.
+    areas: Cell<Option<sii::Mailbox>>,
+}
+
+impl Mailbox {
+    /// The mailbox of a device that may come later.
+    pub fn unserved(context: &Context, id: &DriveId, error_texts: ErrorTexts) -> Self {
+        let waiters = || context.wakes.waiters();
+        let (unserved, sdo, emergencies) =
+            UnservedMailbox::new(MailboxSettings::CAPACITIES, id.clone(), waiters);
+        Self {
+            sdo,
+            emergencies,
+            signal: unserved.signal(),
+            error_texts: Arc::new(error_texts),
+            service: Rc::new(Service {
+                unserved: Cell::new(Some(unserved)),
+                areas: Cell::new(None),
+            }),
+        }
+    }
+
+    /// Serves it from now on as the device's SII says. One that is served already stays so, if the device still has it there.
+    pub fn serve(&self, context: &Context, found: &Found) -> Result<(), DriveFault> {
+        let mailbox = found.sii.mailbox;
+        let mailbox = mailbox.filter(|mailbox| mailbox.protocols.coe());
+        let mailbox = mailbox.ok_or(DriveFault::NoMailbox)?;
+        if let Some(expected) = self.service.areas.get() {
+            if expected == mailbox {
+                return Ok(());
+            }
+            let got = mailbox;
+            return Err(DriveFault::OtherMailbox { expected, got });
+        }
+        let unserved = self.service.unserved.take();
+        let unserved = unserved.ok_or(DriveFault::NoMailbox)?;
+        let client = MailboxClient::serving(
+            unserved,
+            EthercrabMailbox::new(context.registers.main(), found.station, mailbox),
+            TaskClock(Rc::clone(&context.time)),
+            MailboxSettings::of(&found.sii, &mailbox),
+        );
+        let log = context.log.clone();
+        let client = client
+            .with_error_texts(Arc::clone(&self.error_texts))
+            .reporting_to(context.emergencies.0.clone())
+            .noting_to(Arc::new(move |at, note| {
+                log.record(at, LogRecord::MailboxMessage(note));
+            }));
+        let task = context.spawn(client.run());
+        task.ok_or(DriveFault::NoMailbox)?.detach();
+        self.service.areas.set(Some(mailbox));
+        Ok(())
+    }
 }
 
 /// Begins to serve a SubDevice's mailbox; none if it has no CoE.
@@ -591,33 +697,8 @@ pub(in crate::bus) fn serve_mailbox(
     found: &Found,
     error_texts: ErrorTexts,
 ) -> Option<Mailbox> {
-    let error_texts = Arc::new(error_texts);
-    let mailbox = found
-        .sii
-        .mailbox
-        .filter(|mailbox| mailbox.protocols.coe())?;
-    let (client, sdo, emergencies) = MailboxClient::with(
-        EthercrabMailbox::new(context.registers.main(), found.station, mailbox),
-        TaskClock(Rc::clone(&context.time)),
-        MailboxSettings::of(&found.sii, &mailbox),
-        found.id.clone(),
-        || context.wakes.waiters(),
-    );
-    let log = context.log.clone();
-    let client = client
-        .with_error_texts(Arc::clone(&error_texts))
-        .reporting_to(context.emergencies.0.clone())
-        .noting_to(Arc::new(move |at, note| {
-            log.record(at, LogRecord::MailboxMessage(note));
-        }));
-    let signal = client.signal();
-    context.spawn(client.run())?.detach();
-    Some(Mailbox {
-        sdo,
-        emergencies,
-        signal,
-        error_texts,
-    })
+    let mailbox = Mailbox::unserved(context, &found.id, error_texts);
+    mailbox.serve(context, found).is_ok().then_some(mailbox)
 }
 
 /// The loop's time as mailbox clients take it.

@@ -67,10 +67,30 @@ pub(in crate::bus) struct Found {
 }
 
 impl Found {
+    /// A device that is not in the line: nothing is known of it but what is expected.
+    pub fn absent(id: DriveId) -> Self {
+        Self {
+            station: station_of(id.position.into()),
+            id,
+            sii: Rc::new(Sii::default()),
+            bytes: SiiBytes::new(),
+        }
+    }
+
     /// Notes how far its set-up is.
     pub fn note(&self, context: &Context, what: &'static str) {
         let note = LogRecord::SetUp(Arc::new(self.id.clone()), what);
         context.log.record(context.time.now(), note);
+    }
+
+    /// Gives it another address.
+    async fn rename(&mut self, registers: &Registers, station: u16) -> Result<(), NetworkError> {
+        if station != self.station {
+            let named = give_name(registers, self.station, station).await;
+            named.map_err(NetworkError::Line)?;
+            self.station = station;
+        }
+        Ok(())
     }
 
     /// Reads what is left of its SII. In INIT: from PREOP on it belongs to the device.
@@ -98,6 +118,81 @@ impl Found {
 /// Finds all SubDevices and brings them into INIT.
 pub(in crate::bus) async fn discover(context: &Context) -> Result<Vec<Found>, NetworkError> {
     discover_each(context, None).await?.into_iter().collect()
+}
+
+/// The numbers that a device shows which was declared by one of these, as far as any of them needs it.
+pub(in crate::bus) async fn numbers(
+    registers: &Registers,
+    station: u16,
+    places: &[DevicePlace],
+) -> Result<Vec<DevicePlace>, RegisterError> {
+    let mut numbers = Vec::new();
+    let has = |place: fn(&DevicePlace) -> bool| places.iter().any(place);
+    if has(|place| matches!(place, DevicePlace::Alias(_))) {
+        let alias = registers.read(station, esc::STATION_ALIAS).await?;
+        numbers.push(DevicePlace::Alias(u16::from_le_bytes(alias)));
+    }
+    if has(|place| matches!(place, DevicePlace::Identification(_))) {
+        let id = registers::identification(registers, station).await?;
+        numbers.extend(id.map(DevicePlace::Identification));
+    }
+    for place in places {
+        let &DevicePlace::IdentificationAt { register, .. } = place else {
+            continue;
+        };
+        match registers
+            .read(station, register)
+            .await
+            .map(u16::from_le_bytes)
+        {
+            Ok(id) => numbers.push(DevicePlace::IdentificationAt { register, id }),
+            // It has no such register.
+            Err(RegisterError::NotAnswered) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(numbers)
+}
+
+/// Numbers the devices of a line in INIT anew, so that those of optional groups come behind the others. `members` says of each which
+/// member of the groups it is, in their order; of several for one, only the first gets its address. The others, and all in the order in
+/// which frames reach them.
+pub(in crate::bus) async fn number_apart(
+    registers: &Registers,
+    mut physical: Vec<Found>,
+    members: &[Option<usize>],
+) -> Result<(Vec<Found>, Vec<Found>), NetworkError> {
+    let lasting = members.iter().filter(|member| member.is_none()).count();
+    let mut places = 0..lasting;
+    let numbers: Vec<_> = members
+        .iter()
+        .enumerate()
+        .map(|(at, member)| match member {
+            None => places.next(),
+            Some(_) if members.iter().take(at).any(|before| before == member) => None,
+            Some(member) => Some(lasting + member),
+        })
+        .collect();
+    // Those that come and go first, out of the way of the others, and at last with their own.
+    let is_optional = |number: &Option<usize>| number.is_none_or(|number| number >= lasting);
+    for (found, (number, at)) in physical.iter_mut().zip(numbers.iter().zip(PROVISIONAL..)) {
+        if is_optional(number) {
+            found.rename(registers, number.map_or(0, |_| at)).await?;
+        }
+    }
+    for is_last in [false, true] {
+        for (found, number) in physical.iter_mut().zip(&numbers) {
+            if let Some(number) = number.filter(|_| is_optional(number) == is_last) {
+                found.id.position = to_position(number);
+                found.rename(registers, station_of(number)).await?;
+            }
+        }
+    }
+    let mut kept = numbers.iter();
+    physical.retain(|_| kept.next().is_some_and(Option::is_some));
+    let last = |found: &&Found| usize::from(found.id.position) < lasting;
+    let line = physical.iter().filter(last).cloned().collect();
+    Ok((line, physical))
 }
 
 /// Brings these SubDevices into PREOP.
@@ -279,7 +374,11 @@ pub(in crate::bus) fn loop_is_gone() -> NetworkError {
 }
 
 /// One SubDevice in INIT: who it is, and what configuration needs of its SII.
-async fn find(context: Context, position: u16, station: u16) -> Result<Found, NetworkError> {
+pub(in crate::bus) async fn find(
+    context: Context,
+    position: u16,
+    station: u16,
+) -> Result<Found, NetworkError> {
     let registers = &context.registers;
     let mut id = DriveId {
         position,
@@ -329,6 +428,14 @@ const TRIES: usize = 100;
 
 /// A device of the line as it is now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Seen {
+    /// Its address, which may be a provisional one.
+    station: u16,
+    who: FoundAs,
+}
+
+/// Who it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FoundAs {
     /// It has kept its address: this is its place at the start.
     Known(usize),
@@ -336,15 +443,36 @@ enum FoundAs {
     Nameless { identity: Identity, runs: bool },
 }
 
-/// Gives the device that had this place at the start its station address again; tells where it is now.
-pub(super) async fn find_again(
+/// The devices of a line, as they were numbered at the start.
+pub(in crate::bus) struct KnownLine {
+    /// Those that last.
+    pub devices: Vec<DriveId>,
+    /// How many may come and go. They are numbered behind the others, and have the addresses behind theirs.
+    pub optional: usize,
+}
+
+impl KnownLine {
+    /// So many addresses are given to its devices.
+    const fn addresses(&self) -> usize {
+        self.devices.len() + self.optional
+    }
+
+    /// Whether one that comes and goes has this number.
+    const fn is_optional(&self, place: usize) -> bool {
+        place >= self.devices.len()
+    }
+}
+
+/// Gives the device that had this place at the start its station address again; tells where it is now, where those that come and go are
+/// not counted.
+pub(in crate::bus) async fn find_again(
     registers: &Registers,
-    line: &[DriveId],
+    line: &KnownLine,
     wanted: &DriveId,
 ) -> Result<u16, NetworkError> {
     let mut last = RegisterError::NotAnswered;
     for _ in 0..TRIES {
-        match look(registers, line, wanted).await {
+        match find_once(registers, line, wanted).await {
             Ok(Some(verdict)) => return verdict,
             Ok(None) => {}
             // What was begun is brought to its end.
@@ -359,40 +487,114 @@ pub(super) async fn find_again(
     })
 }
 
-/// One look at the line. None where it has changed meanwhile.
-async fn look(
+async fn find_once(
     registers: &Registers,
-    line: &[DriveId],
+    line: &KnownLine,
     wanted: &DriveId,
 ) -> Result<Option<Result<u16, NetworkError>>, RegisterError> {
-    let Some(stations) = give_provisional(registers, line.len()).await? else {
+    let Some(seen) = look(registers, line).await? else {
         return Ok(None);
     };
-    let Some(seen) = identify(registers, &stations, line.len()).await? else {
+    let own = station_of(wanted.position.into());
+    // It has its address again where only the answer to that was lost.
+    let chosen = match seen.iter().position(|seen| seen.station == own) {
+        Some(at) => Ok(at),
+        None => choose(&line.devices, wanted, &seen),
+    };
+    let named = chosen.as_ref().ok().map(|at| (*at, own));
+    settle(registers, &line.devices, &seen, named.as_slice()).await?;
+    let lasting =
+        |seen: &&Seen| !matches!(seen.who, FoundAs::Known(place) if line.is_optional(place));
+    Ok(Some(chosen.map(|at| {
+        to_position(seen.iter().take(at).filter(lasting).count())
+    })))
+}
+
+/// Looks at the line once, and lets `named` say which devices get which addresses. What it says; none where the line has changed
+/// meanwhile.
+pub(in crate::bus) async fn name_new_ones<T>(
+    registers: &Registers,
+    line: &KnownLine,
+    places: &[DevicePlace],
+    named: impl FnOnce(&[NewDevice]) -> (Vec<(usize, u16)>, T),
+) -> Result<Option<T>, RegisterError> {
+    let Some(seen) = look(registers, line).await? else {
+        return Ok(None);
+    };
+    let mut new = Vec::new();
+    for (at, seen) in seen.iter().enumerate() {
+        let (identity, is_known) = match seen.who {
+            FoundAs::Known(place) if !line.is_optional(place) => continue,
+            FoundAs::Known(_) => {
+                // With its power it has kept its address, its state and its error.
+                let init = &registers::RESET;
+                registers.write(seen.station, esc::AL_CONTROL, init).await?;
+                let identity = eeprom::identity(registers, seen.station).await;
+                (identity.unwrap_or_default(), true)
+            }
+            FoundAs::Nameless { runs: true, .. } => continue,
+            FoundAs::Nameless { identity, .. } => (identity, false),
+        };
+        let numbers = numbers(registers, seen.station, places).await?;
+        let id = DriveId {
+            position: to_position(at),
+            name: String::new(),
+            identity,
+        };
+        let present = Present { id, numbers };
+        let station = is_known.then_some(seen.station);
+        new.push(NewDevice { present, station });
+    }
+    let (named, result) = named(&new);
+    let at = |number: usize| {
+        new.get(number)
+            .map(|device| usize::from(device.present.id.position))
+    };
+    let named: Vec<_> = named
+        .into_iter()
+        .filter_map(|(number, station)| Some((at(number)?, station)))
+        .collect();
+    settle(registers, &line.devices, &seen, &named).await?;
+    Ok(Some(result))
+}
+
+/// A device that does not run as one of those that last.
+pub(in crate::bus) struct NewDevice {
+    pub present: Present,
+    /// Its address, where it is one of those that come and go, and has kept it.
+    pub station: Option<u16>,
+}
+
+/// One look at the line: who is there, in their order. Those without an address of the line have a provisional one. None where it has
+/// changed meanwhile.
+async fn look(registers: &Registers, line: &KnownLine) -> Result<Option<Vec<Seen>>, RegisterError> {
+    let Some(stations) = give_provisional(registers, line.addresses()).await? else {
+        return Ok(None);
+    };
+    let Some(seen) = identify(registers, &stations, line.addresses()).await? else {
         return Ok(None);
     };
     // Who came or went meanwhile has moved the positions.
-    if stations_on_the_line(registers).await? != stations {
-        return Ok(None);
-    }
+    let is_steady = stations_on_the_line(registers).await? == stations;
+    Ok(is_steady.then_some(seen))
+}
+
+/// Takes the provisional addresses away again: these devices get those, and who runs gets its own.
+async fn settle(
+    registers: &Registers,
+    line: &[DriveId],
+    seen: &[Seen],
+    named: &[(usize, u16)],
+) -> Result<(), RegisterError> {
     let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
-    let own = station_of(wanted.position.into());
-    // It has its address again where only the answer to that was lost.
-    let chosen = match (0..).zip(&stations).find(|(_, station)| **station == own) {
-        Some((position, _)) => Ok(position),
-        None => choose(line, wanted, &seen),
-    };
-    let mut last = None;
-    for (position, (station, seen_as)) in (0..).zip(stations.iter().zip(&seen)) {
-        let FoundAs::Nameless { runs, .. } = *seen_as else {
+    for (at, Seen { station, who }) in seen.iter().enumerate() {
+        let FoundAs::Nameless { runs, .. } = *who else {
             continue;
         };
-        if matches!(&chosen, Ok(chosen) if *chosen == position) {
-            last = Some(*station);
+        if named.iter().any(|(named, _)| *named == at) {
             continue;
         }
-        let at = usize::from(position);
-        let is_there = |place: &usize| candidates(&expected, *place, &seen) == [(at, false)];
+        let is_there = |place: &usize| candidates(&expected, *place, seen) == [(at, false)];
         match (0..line.len()).find(is_there) {
             _ if !runs => give_name(registers, *station, 0).await?,
             // A provisional address has taken the place of its own.
@@ -403,14 +605,16 @@ async fn look(
             None => {}
         }
     }
-    if let Some(station) = last {
-        give_name(registers, station, own).await?;
+    for (at, own) in named {
+        if let Some(seen) = seen.get(*at).filter(|seen| seen.station != *own) {
+            give_name(registers, seen.station, *own).await?;
+        }
     }
-    Ok(Some(chosen))
+    Ok(())
 }
 
 /// The address that a device had whose place at the start was this.
-fn station_of(place: usize) -> u16 {
+pub(in crate::bus) fn station_of(place: usize) -> u16 {
     FIRST_STATION.wrapping_add(to_position(place))
 }
 
@@ -478,49 +682,53 @@ async fn give_name(registers: &Registers, station: u16, name: u16) -> Result<(),
 async fn identify(
     registers: &Registers,
     stations: &[u16],
-    at_start: usize,
-) -> Result<Option<Vec<FoundAs>>, RegisterError> {
+    addresses: usize,
+) -> Result<Option<Vec<Seen>>, RegisterError> {
     let mut seen = Vec::with_capacity(stations.len());
-    for station in stations {
-        if let Some(place) = place_at_start(*station, at_start) {
-            seen.push(FoundAs::Known(place));
-            continue;
-        }
-        let runs = registers::status(registers, *station).await?.state != AlState::Init;
-        let identity = eeprom::identity(registers, *station).await;
-        if runs && identity.is_err() {
-            return Ok(None);
-        }
-        // One that cannot be read is none of the line's.
-        let identity = identity.unwrap_or_default();
-        seen.push(FoundAs::Nameless { identity, runs });
+    for &station in stations {
+        let who = match place_at_start(station, addresses) {
+            Some(place) => FoundAs::Known(place),
+            None => {
+                let status = registers::status(registers, station).await?;
+                let runs = status.state != AlState::Init;
+                let identity = eeprom::identity(registers, station).await;
+                if runs && identity.is_err() {
+                    return Ok(None);
+                }
+                // One that cannot be read is none of the line's.
+                let identity = identity.unwrap_or_default();
+                FoundAs::Nameless { identity, runs }
+            }
+        };
+        seen.push(Seen { station, who });
     }
     Ok(Some(seen))
 }
 
 /// Which of the devices that are there is the wanted one.
-fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, NetworkError> {
+fn choose(line: &[DriveId], wanted: &DriveId, seen: &[Seen]) -> Result<usize, NetworkError> {
     let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
     let declared = DevicePlace::Position(wanted.position);
     let place = usize::from(wanted.position);
     let candidates = candidates(&expected, place, seen);
     let verdict = match candidates.as_slice() {
-        &[(only, false)] => return Ok(to_position(only)),
+        &[(only, false)] => return Ok(only),
         [] => {
-            let mut behind = seen.iter().enumerate().filter(|(_, seen)| match seen {
-                FoundAs::Known(known) => *known < place,
+            let mut behind = seen.iter().enumerate().filter(|(_, seen)| match seen.who {
+                FoundAs::Known(known) => known < place,
                 FoundAs::Nameless { .. } => false,
             });
             // What stands where it would be the next one.
             let at = behind.next_back().map_or(0, |(at, _)| at + 1);
-            match seen.get(at) {
-                Some(FoundAs::Nameless { identity, .. }) if *identity != wanted.identity => {
+            match seen.get(at).map(|seen| seen.who) {
+                Some(FoundAs::Nameless { identity, .. }) if identity != wanted.identity => {
                     let id = DriveId {
                         position: to_position(at),
                         name: String::new(),
-                        identity: *identity,
+                        identity,
                     };
-                    let found = Some(Present { id, alias: None });
+                    let numbers = Vec::new();
+                    let found = Some(Present { id, numbers });
                     return Err(mismatch(declared, wanted, found, LineVerdict::Different));
                 }
                 _ => LineVerdict::Missing,
@@ -558,11 +766,12 @@ pub(super) fn mismatch(
 
 /// The nameless devices that can be the one that had this place, if what is there is a part of the line in its order; each
 /// with whether it can be that of another place as well. Devices that no place of the line had are left out.
-fn candidates(line: &[Identity], place: usize, seen: &[FoundAs]) -> Vec<(usize, bool)> {
+fn candidates(line: &[Identity], place: usize, seen: &[Seen]) -> Vec<(usize, bool)> {
     let own: Vec<_> = seen
         .iter()
         .enumerate()
-        .filter(|(_, seen)| line.iter().enumerate().any(|(at, is)| seen.is(at, is)))
+        .map(|(at, seen)| (at, &seen.who))
+        .filter(|(_, who)| line.iter().enumerate().any(|(at, is)| who.is(at, is)))
         .collect();
     let others = || (0..line.len()).filter(|other| *other != place);
     (0..own.len())
@@ -605,7 +814,7 @@ impl FoundAs {
     }
 }
 
-fn to_position(at: usize) -> u16 {
+pub(in crate::bus) fn to_position(at: usize) -> u16 {
     u16::try_from(at).unwrap_or(u16::MAX)
 }
 
@@ -622,9 +831,16 @@ mod tests {
         }
     }
 
-    fn nameless(identity: Identity) -> FoundAs {
-        let runs = false;
-        FoundAs::Nameless { identity, runs }
+    fn nameless(identity: Identity) -> Seen {
+        let (station, runs) = (0, false);
+        let who = FoundAs::Nameless { identity, runs };
+        Seen { station, who }
+    }
+
+    fn known(place: usize) -> Seen {
+        let who = FoundAs::Known(place);
+        let station = station_of(place);
+        Seen { station, who }
     }
 
     const NOBODY: [(usize, bool); 0] = [];
@@ -632,12 +848,7 @@ mod tests {
     #[test]
     fn between_two_that_are_known_the_nameless_one_is_the_one_that_is_missing_there() {
         let line = [one(1, 0), one(2, 0), one(2, 0), one(2, 0)];
-        let seen = [
-            FoundAs::Known(0),
-            FoundAs::Known(1),
-            nameless(one(2, 0)),
-            FoundAs::Known(3),
-        ];
+        let seen = [known(0), known(1), nameless(one(2, 0)), known(3)];
         assert_eq!(candidates(&line, 2, &seen), [(2, false)]);
         assert_eq!(candidates(&line, 1, &seen), NOBODY, "it is known");
         // The first is missing, so that all have moved up.
@@ -656,12 +867,12 @@ mod tests {
     #[test]
     fn of_two_that_are_alike_and_one_missing_nobody_knows_which_one_is_there() {
         let line = [one(2, 0), one(2, 0), one(2, 0)];
-        let seen = [FoundAs::Known(0), nameless(one(2, 0))];
+        let seen = [known(0), nameless(one(2, 0))];
         assert_eq!(candidates(&line, 1, &seen), [(1, true)]);
         assert_eq!(candidates(&line, 2, &seen), [(1, true)]);
         // A serial number shows it.
         let line = [one(2, 0), one(2, 1), one(2, 2)];
-        let seen = [FoundAs::Known(0), nameless(one(2, 2))];
+        let seen = [known(0), nameless(one(2, 2))];
         assert_eq!(candidates(&line, 1, &seen), NOBODY);
         assert_eq!(candidates(&line, 2, &seen), [(1, false)]);
     }
@@ -669,14 +880,9 @@ mod tests {
     #[test]
     fn a_stranger_is_left_out_wherever_it_stands() {
         let line = [one(1, 0), one(2, 7), one(3, 0)];
-        let seen = [
-            FoundAs::Known(0),
-            nameless(one(9, 9)),
-            nameless(one(2, 7)),
-            FoundAs::Known(2),
-        ];
+        let seen = [known(0), nameless(one(9, 9)), nameless(one(2, 7)), known(2)];
         assert_eq!(candidates(&line, 1, &seen), [(2, false)]);
-        let other_serial = [FoundAs::Known(0), nameless(one(2, 8)), FoundAs::Known(2)];
+        let other_serial = [known(0), nameless(one(2, 8)), known(2)];
         assert_eq!(candidates(&line, 1, &other_serial), NOBODY);
     }
 }

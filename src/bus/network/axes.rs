@@ -63,6 +63,8 @@ struct RunningAxis {
     brake: Option<UndeclaredBrake>,
     /// How far it is on its way to be disabled for good.
     leaving: Leaving,
+    /// Its drive is of an optional group that is not in the line.
+    is_absent: bool,
 }
 
 /// Watches the following error of an axis.
@@ -209,6 +211,7 @@ impl Axes {
                             patience: axis.config.deadlines.standstill,
                         }),
                     leaving: Leaving::No,
+                    is_absent: false,
                 });
             }
             held.push((place, drive.held.clone()));
@@ -257,6 +260,22 @@ impl Axes {
         self.of_drive(place).for_each(|axis| axis.core.forget());
     }
 
+    /// The drive at this place is not in the line, or is again. Of one that has gone nobody waits for its axes at the end.
+    pub fn set_absent(&mut self, place: usize, is_absent: bool) {
+        for axis in self.of_drive(place) {
+            axis.is_absent = is_absent;
+            axis.port.set_absent(is_absent);
+        }
+    }
+
+    /// What the outputs of the drive at this place begin with from now on.
+    pub fn hold(&mut self, place: usize, held: HeldOutputs) {
+        let mut places = self.held.iter_mut();
+        if let Some((_, before)) = places.find(|(drive, _)| *drive == place) {
+            *before = held;
+        }
+    }
+
     /// The drive at this place shows of the axis with this number that it is not homed.
     pub fn forget_axis(&mut self, place: usize, number: usize) {
         if let Some(axis) = self.of_drive(place).nth(number) {
@@ -300,7 +319,8 @@ impl Axes {
     /// The axes that may be moving: what answers and is powered or does not stand, and what does not answer and was so when it did last.
     pub fn moving(&self) -> impl Iterator<Item = MovingAxis> {
         let all = self.axes.iter().zip(&self.recorded);
-        all.filter_map(move |(axis, recorded)| {
+        let there = all.filter(|(axis, _)| !axis.is_absent);
+        there.filter_map(move |(axis, recorded)| {
             let snapshot = axis.core.snapshot();
             let answers = snapshot.answered || !snapshot.lost;
             let stands = axis.core.stands();

@@ -1,6 +1,6 @@
 //! The line from power-on to OP, as one future on the bus thread.
 
-use std::{rc::Rc, sync::Arc, time::Duration};
+use std::{ops::Range, rc::Rc, sync::Arc, time::Duration};
 
 use async_task::Task;
 use tracing::Instrument;
@@ -16,13 +16,12 @@ use crate::{
         },
         device::{Device, progress::Progress},
         error::{AlState, AtStep, BringUpStep, DriveFault, NetworkError, OfDevice},
-        expected::{self, DevicePlace, Present},
-        line::{self, Found, loop_is_gone},
+        expected::{self, Present},
+        line::{self, Found, KnownLine, loop_is_gone},
         log::LogRecord,
         requests::Context,
     },
     coe::DriveId,
-    esc,
 };
 
 /// Complete exchanges before OP is asked for: the first one brings inputs, and with the second every drive has outputs that answer to
@@ -33,9 +32,13 @@ pub(in crate::bus) const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
 /// The devices of the exchange, in SAFEOP or above: the drives first.
 pub(in crate::bus) struct Ready {
     /// All SubDevices of the line, also those that are not in the exchange.
-    pub line: Vec<DriveId>,
+    pub line: KnownLine,
     /// In the order of the exchange.
     pub devices: Vec<Device>,
+    /// So many of them last; the others come and go, and are not there yet.
+    pub lasting: usize,
+    /// Of each optional group its first drive, and the places of all.
+    pub groups: Vec<(DriveId, Range<usize>)>,
     /// The distributed clocks, where a drive uses its.
     clocks: Option<Rc<Clocks>>,
 }
@@ -47,33 +50,59 @@ impl Ready {
     }
 }
 
-/// Which device of the line each declared one is.
+/// The line, and which device of it each declared one is.
+struct Declared {
+    /// In the order in which frames reach them, also those of optional groups that have an address.
+    physical: Vec<Found>,
+    /// Without those of optional groups.
+    line: Vec<Found>,
+    /// Of each declared device that is not of an optional group.
+    found: Vec<Found>,
+}
+
 async fn declared_of(
     context: &Context,
     plan: &LinePlan,
-    line: &[Found],
-) -> Result<Vec<Found>, NetworkError> {
+    line: Vec<Found>,
+) -> Result<Declared, NetworkError> {
     let declared = plan.declared();
-    let by_alias = |(place, _): &_| matches!(place, DevicePlace::Alias(_));
-    let needs_alias = declared.iter().any(by_alias);
+    let of_groups: Vec<_> = plan.optional().collect();
+    let places: Vec<_> = declared
+        .iter()
+        .chain(&of_groups)
+        .map(|(at, _)| *at)
+        .collect();
     let mut present = Vec::new();
-    for found in line {
-        let alias = if needs_alias {
-            let alias = context
-                .registers
-                .read(found.station, esc::STATION_ALIAS)
-                .await;
-            let alias = alias.at(BringUpStep::Identity).of(&found.id)?;
-            Some(u16::from_le_bytes(alias))
-        } else {
-            None
-        };
+    for found in &line {
+        let numbers = line::numbers(&context.registers, found.station, &places).await;
+        let numbers = numbers.at(BringUpStep::Identity).of(&found.id)?;
         let id = found.id.clone();
-        present.push(Present { id, alias });
+        present.push(Present { id, numbers });
     }
+    let members = present.iter().map(|present| {
+        let mut members = of_groups.iter();
+        members.position(|(place, _)| present.says(*place))
+    });
+    let members: Vec<_> = members.collect();
+    let (line, physical) = line::number_apart(&context.registers, line, &members).await?;
+    let present: Vec<_> = present
+        .into_iter()
+        .zip(&members)
+        .filter(|(_, member)| member.is_none())
+        .zip(&line)
+        .map(|((present, _), found)| Present {
+            id: found.id.clone(),
+            ..present
+        })
+        .collect();
     let places = expected::compare(&declared, &present, plan.complete)?;
     let found = places.into_iter().filter_map(|place| line.get(place));
-    Ok(found.cloned().collect())
+    let found = found.cloned().collect();
+    Ok(Declared {
+        physical,
+        line,
+        found,
+    })
 }
 
 /// Brings all declared drives and devices with inputs and outputs into SAFEOP; all others stay in PREOP.
@@ -83,7 +112,11 @@ pub(in crate::bus) async fn configure(
     progress: &Rc<Progress>,
 ) -> Result<Ready, NetworkError> {
     let line = line::discover(context).await?;
-    let mut found = declared_of(context, &plan, &line).await?;
+    let Declared {
+        physical,
+        line,
+        mut found,
+    } = declared_of(context, &plan, line).await?;
     let ios = found.iter_mut().skip(plan.drives.len());
     read_whole_siis(context, ios.take(plan.ios.len())).await?;
     line::enter_pre_op(context, &line).await?;
@@ -91,7 +124,7 @@ pub(in crate::bus) async fn configure(
     let mut found = found.into_iter();
     let uses_clocks = plan.drives.iter().any(|(_, drive)| drive.clock.is_some());
     let clocks = if uses_clocks {
-        clocks::measure(context, &line).await?
+        clocks::measure(context, &physical, line.len()).await?
     } else {
         None
     };
@@ -156,9 +189,40 @@ pub(in crate::bus) async fn configure(
     if let Some(teaching) = teaching {
         teaching.await;
     }
+    let lasting = devices.len();
+    let mut groups = Vec::new();
+    let mut places = line::to_position(line.len())..;
+    for group in plan.groups {
+        let first = devices.len();
+        for (place, config) in group.drives {
+            let position = places.next().unwrap_or(u16::MAX);
+            let id = DriveId {
+                position,
+                name: group.name.clone(),
+                identity: config.expected().identity(),
+            };
+            let progress = Rc::clone(progress);
+            let absent = Device::absent(context, id, place, config, times, progress)?;
+            sizes.push(absent.sizes());
+            devices.push(absent);
+        }
+        if let Some(device) = devices.get(first) {
+            groups.push((device.found.id.clone(), first..devices.len()));
+        }
+    }
+    let addresses = logical_addresses(&sizes).into_iter().skip(lasting);
+    for (device, logical) in devices.iter_mut().skip(lasting).zip(addresses) {
+        device.logical = logical;
+    }
+    let optional = devices.len() - lasting;
     Ok(Ready {
-        line: line.into_iter().map(|found| found.id).collect(),
+        line: KnownLine {
+            devices: line.into_iter().map(|found| found.id).collect(),
+            optional,
+        },
         devices,
+        lasting,
+        groups,
         clocks,
     })
 }
@@ -219,7 +283,9 @@ pub(in crate::bus) async fn start_cycles(
     let Ready {
         devices,
         line,
+        lasting,
         clocks,
+        ..
     } = ready;
     let members: Vec<_> = devices.iter().map(Device::member).collect();
     context.counters.count_drives(members.len());
@@ -239,7 +305,10 @@ pub(in crate::bus) async fn start_cycles(
             drive.held.begin(outputs);
         }
     }
-    let load = CableLoad::of(exchange.lengths(), line.len());
+    for place in *lasting..devices.len() {
+        exchange.drives.take_away(place);
+    }
+    let load = CableLoad::of(exchange.lengths(), line.devices.len() + line.optional);
     check_load(load, period)?;
     if load.is_tight(period) {
         tracing::warn!(
@@ -292,12 +361,12 @@ pub(in crate::bus) async fn operate(
     progress: &Progress,
 ) -> Result<(), NetworkError> {
     wait_for_exchange(context, ready, period).await?;
-    let devices = ready.devices.iter();
-    let synchronised = devices.filter(|device| device.sync0_after().is_some());
+    let devices = || ready.devices.iter().take(ready.lasting);
+    let synchronised = devices().filter(|device| device.sync0_after().is_some());
     clocks::wait_for_lock(context, synchronised.map(|device| &device.found), period).await?;
     let tasks = begin(
         context,
-        ready.devices.clone(),
+        devices().cloned().collect(),
         |context, device| async move {
             let result = device.enter_op(&context).await;
             result.of(&device.found.id).map(|()| device)
@@ -335,7 +404,8 @@ async fn wait_for_exchange(
         }
         if context.time.now().saturating_sub(started) > limit {
             // The one that does not answer, or else the first, whose working counter is wrong with the others'.
-            let silent = cycle.exchange.drives.iter().position(|drive| drive.lost);
+            let mut drives = cycle.exchange.drives.iter();
+            let silent = drives.position(|drive| drive.lost && !drive.away);
             return match ready.devices.get(silent.unwrap_or(0)) {
                 Some(device) => Err(no_exchange(context, limit, period))
                     .at(BringUpStep::ProcessData)

@@ -81,6 +81,7 @@ impl Network {
                 drives: Vec::new(),
                 ios: Vec::new(),
                 others: Vec::new(),
+                groups: Vec::new(),
                 complete: false,
                 watchdog: Watchdog::Armed(None),
             },
@@ -138,6 +139,35 @@ impl NetworkBuilder {
     /// `io`.
     pub fn io(mut self, place: impl Into<DevicePlace>, io: IoConfig) -> Self {
         self.plan.ios.push((place.into(), io));
+        self
+    }
+
+    /// Devices that come and go together, such as a tool: they may be absent at the start and later, and join while all others go on. Each is
+    /// told by its alias, its identification or its identity, never by its position.
+    ///
+    /// [`Network::hot_connect`] says whether they are there; [`Joined`](crate::bus::NetworkEvent::Joined),
+    /// [`NotJoined`](crate::bus::NetworkEvent::NotJoined) and [`Left`](crate::bus::NetworkEvent::Left) are its events. Handles of their axes
+    /// exist from the start on, and fail with [`Failure::Absent`](crate::Failure::Absent) while they are not there. Positions do not count them:
+    /// those of all others are the same with and without them.
+    ///
+    /// ```
+    /// use servocrab::{DriveConfig, Network, bus::DevicePlace, drives};
+    /// let builder = Network::builder()
+    ///     .drive(0, DriveConfig::new(drives::akd2g()).axis("x"))
+    ///     .optional("drill", |group| {
+    ///         group.drive(DevicePlace::Alias(7), DriveConfig::new(drives::pp2010()).axis("spindle"))
+    ///     });
+    /// ```
+    pub fn optional(
+        mut self,
+        name: &str,
+        declare: impl FnOnce(HotConnectGroup) -> HotConnectGroup,
+    ) -> Self {
+        let group = declare(HotConnectGroup {
+            name: name.to_owned(),
+            drives: Vec::new(),
+        });
+        self.plan.groups.push(group);
         self
     }
 
@@ -413,6 +443,8 @@ pub(in crate::bus) struct LinePlan {
     pub ios: Vec<(DevicePlace, IoConfig)>,
     /// Devices that must be there and are left alone.
     pub others: Vec<(DevicePlace, Expected)>,
+    /// Devices that may come and go.
+    pub groups: Vec<HotConnectGroup>,
     /// No other devices may be there.
     pub complete: bool,
     pub watchdog: Watchdog,
@@ -425,6 +457,15 @@ impl LinePlan {
         if self.drives.is_empty() && self.ios.is_empty() {
             return wrong("no drive was declared".into());
         }
+        for (number, group) in self.groups.iter().enumerate() {
+            if let Some(mistake) = group.mistake() {
+                return wrong(format!("optional group `{}`: {mistake}", group.name));
+            }
+            let mut before = self.groups.iter().take(number);
+            if before.any(|other| other.name == group.name) {
+                return wrong(format!("two optional groups are named `{}`", group.name));
+            }
+        }
         within("the network", "cycle", self.cycle, CYCLES)?;
         if let Watchdog::Armed(Some(time)) = self.watchdog {
             // One that is not longer than a cycle expires between two of them.
@@ -432,17 +473,37 @@ impl LinePlan {
             let least = least.max(self.cycle.saturating_add(least));
             within("the network", "watchdog", time, [least, most])?;
         }
-        let declared = self.declared();
+        let mut declared = self.declared();
+        let lasting = declared.len();
+        declared.extend(self.optional());
         for (number, (place, _)) in declared.iter().enumerate() {
-            if *place == DevicePlace::Alias(0) {
-                return wrong("alias 0 is that of devices without one".into());
+            if place.is_nobodys() {
+                return wrong(format!(
+                    "{place} is that of devices to which none was given"
+                ));
             }
-            if declared
-                .iter()
-                .take(number)
-                .any(|(other, _)| other == place)
-            {
+            let mut before = declared.iter().take(number);
+            if before.any(|(other, _)| other == place) {
                 return wrong(format!("two devices are declared at {place}"));
+            }
+            // By its identity one that comes and goes would be taken for another one of its kind.
+            let DevicePlace::Identity {
+                vendor,
+                product,
+                serial: None,
+            } = *place
+            else {
+                continue;
+            };
+            let mut others = declared.iter().enumerate();
+            let is_alike = |other: &Expected| other.is_of(vendor, product);
+            if others.any(|(other, (_, expected))| {
+                other != number && number.max(other) >= lasting && is_alike(expected)
+            }) {
+                return wrong(format!(
+                    "another device of the kind of {place} is declared: declare the one that comes and goes by its alias, its \
+                     identification, or its serial number"
+                ));
             }
         }
         for (number, (place, io)) in self.ios.iter().enumerate() {
@@ -455,7 +516,8 @@ impl LinePlan {
             }
         }
         let mut names = Vec::new();
-        for (place, drive) in &self.drives {
+        let of_groups = self.groups.iter().flat_map(|group| &group.drives);
+        for (place, drive) in self.drives.iter().chain(of_groups) {
             if let Some(mistake) = drive.mistake() {
                 return wrong(format!("drive at {place}: {mistake}"));
             }
@@ -497,6 +559,11 @@ impl LinePlan {
         Ok(())
     }
 
+    /// All devices that may come and go, in the order of their groups.
+    pub(super) fn optional(&self) -> impl Iterator<Item = (DevicePlace, Expected)> {
+        self.groups.iter().flat_map(HotConnectGroup::declared)
+    }
+
     /// All devices that must be there: the drives first, then those with inputs and outputs.
     pub(super) fn declared(&self) -> Vec<(DevicePlace, Expected)> {
         let drives = self.drives.iter();
@@ -507,5 +574,44 @@ impl LinePlan {
             .chain(ios)
             .chain(self.others.iter().cloned())
             .collect()
+    }
+}
+
+/// Devices that come and go together, as [`NetworkBuilder::optional`] declares them.
+#[derive(Debug, Clone)]
+#[must_use]
+pub struct HotConnectGroup {
+    pub(super) name: String,
+    pub(super) drives: Vec<(DevicePlace, DriveConfig)>,
+}
+
+impl HotConnectGroup {
+    /// A drive, wherever the one with this alias, identification or identity stands. How many bytes it exchanges is known from its description
+    /// alone. It follows no distributed clock.
+    pub fn drive(mut self, place: impl Into<DevicePlace>, drive: DriveConfig) -> Self {
+        self.drives.push((place.into(), drive));
+        self
+    }
+
+    pub(super) fn declared(&self) -> impl Iterator<Item = (DevicePlace, Expected)> {
+        let drives = self.drives.iter();
+        drives.map(|(place, drive)| (*place, drive.expected()))
+    }
+
+    fn mistake(&self) -> Option<String> {
+        if self.drives.is_empty() {
+            return Some("it has no drive".into());
+        }
+        self.drives.iter().find_map(|(place, drive)| {
+            if matches!(place, DevicePlace::Position(_)) {
+                return Some(format!(
+                    "at {place} another device stands while this one is not there: declare it by its alias, its identification or its \
+                     identity"
+                ));
+            }
+            drive.clock.is_some().then(|| {
+                format!("the drive at {place} cannot follow the distributed clock of a line that it comes into")
+            })
+        })
     }
 }

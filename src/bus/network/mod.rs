@@ -1,12 +1,13 @@
 //! All devices together: the start, the run, the recovery of a device and the end; and the running network, as a program holds it.
 //!
 //! `builder` takes what a program declares, `bring_up` leads the line into OP, `supervisor` keeps it, `recovery` leads one device
-//! back, `axes` steps the cores in each cycle, `scan` looks at a line without using it, and writes EEPROMs of it. It may call every other room
+//! back, `hot_connect` lets devices come and go, `axes` steps the cores in each cycle, `scan` looks at a line without using it, and writes EEPROMs of it. It may call every other room
 //! of the bus; none calls it.
 
 pub(super) mod axes;
 pub(super) mod bring_up;
 pub(super) mod builder;
+pub(super) mod hot_connect;
 pub(super) mod recovery;
 pub(super) mod scan;
 pub(super) mod supervisor;
@@ -44,6 +45,7 @@ use crate::{
     units::Unit,
     wakes::Waiters,
 };
+use hot_connect::{GroupState, HotConnect};
 use supervisor::{Started, StartedDrive};
 use view::NetworkView;
 
@@ -58,6 +60,7 @@ pub struct Network {
     view: NetworkView,
     /// Where all devices of the exchange stand, in its order, and how they were declared.
     places: Vec<(u16, DevicePlace)>,
+    groups: Vec<Arc<GroupState>>,
     listener: Listener,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
@@ -83,6 +86,7 @@ impl Network {
                 emergencies: started.emergencies,
             },
             places: started.places,
+            groups: started.groups,
             listener,
             thread: Mutex::new(thread),
         }
@@ -182,6 +186,20 @@ impl Network {
     /// [`NetworkError::Declaration`] if no device that was declared by `io` has this name.
     pub fn io(&self, name: &str) -> Result<Io, NetworkError> {
         find_io(&self.view.ios, name).cloned()
+    }
+
+    /// The optional group with this name.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no group was declared by [`NetworkBuilder::optional`](crate::bus::NetworkBuilder::optional) with this name.
+    pub fn hot_connect(&self, name: &str) -> Result<HotConnect, NetworkError> {
+        let mut groups = self.groups.iter();
+        let group = groups.find(|group| group.name == name);
+        let names = self.groups.iter().map(|group| group.name.as_str());
+        Ok(HotConnect {
+            group: Arc::clone(group.ok_or_else(|| unknown("optional group", name, names))?),
+            clock: self.clock(),
+        })
     }
 
     /// The time of the cycles: to wait for the next inputs, and for pauses.

@@ -11,17 +11,18 @@ use std::{
     time::Duration,
 };
 
-use smol::{channel::Sender, future::or, lock::Mutex};
-
-use super::{
-    axes::Axes,
-    bring_up::{EXCHANGE_LIMIT, Ready},
+use smol::{
+    channel::{Sender, unbounded},
+    future::or,
+    lock::Mutex,
 };
+
+use super::{axes::Axes, bring_up::EXCHANGE_LIMIT};
 use crate::{
     axis::{CoreConfig, Reattach},
     bus::{
         clocks,
-        cycle::{Answer, Cycle, DriveData},
+        cycle::{Answer, Cycle, DriveData, SeenState},
         device::{
             Device, SAFE_OP_LIMIT,
             io_port::Ports,
@@ -32,7 +33,7 @@ use crate::{
             RegisterError, StepError,
         },
         event::Recovered,
-        line::{self, Found},
+        line::{self, Found, KnownLine},
         log::LogRecord,
         requests::{Context, eeprom, registers},
         watch::{Control, data_of, note_state},
@@ -48,8 +49,8 @@ pub(in crate::bus) struct Recovery {
     pub period: Duration,
     pub axes: Rc<RefCell<Axes>>,
     pub ports: Rc<RefCell<Ports>>,
-    /// All devices of the line, as they were found at the start.
-    pub line: Vec<DriveId>,
+    /// All devices of the line, as they were numbered at the start.
+    pub line: KnownLine,
     /// In the order of the exchange.
     pub devices: Vec<Member>,
     /// Held by whoever looks for a device.
@@ -165,6 +166,35 @@ impl Recovery {
         Ok(position)
     }
 
+    /// A device of an optional group comes into the line: it has its address, and is in INIT.
+    pub async fn join(&self, place: usize) -> Result<(), NetworkError> {
+        let Some(member) = self.devices.get(place) else {
+            return Ok(());
+        };
+        let mut device = member.device.lock().await;
+        let (position, station) = (device.found.id.position, device.found.station);
+        let found = line::find(self.context.clone(), position, station).await?;
+        let before = device.clone();
+        device.join(found);
+        let (steps, _) = unbounded();
+        let joined = self.bring_up(place, member, &mut device, steps).await;
+        if joined.is_err() {
+            *device = before;
+        }
+        joined
+    }
+
+    /// A device of an optional group is not in the line, or not any more.
+    pub fn take_out(&self, place: usize) {
+        self.cut_off(place);
+        let mut axes = self.axes.borrow_mut();
+        axes.forget(place);
+        axes.set_absent(place, true);
+        if let Some(member) = self.devices.get(place) {
+            member.phase.set(ReturnPhase::None);
+        }
+    }
+
     /// As at the start, from INIT.
     async fn bring_up(
         &self,
@@ -206,7 +236,8 @@ impl Recovery {
             device.read_as_it_is_now(&self.context, before).await
         };
         steps.await.of(&before.found.id)?;
-        self.with_data(place, DriveData::put_back);
+        // It is set up, and not yet in OP.
+        self.put_back(place, |data| data.seen = SeenState::LeftOp);
         if device.clocks().is_some() {
             self.context.time.sleep(clocks::settling(self.period)).await;
         }
@@ -290,6 +321,9 @@ impl Recovery {
         }
         // The targets are where the drive stands.
         self.until(|this| this.has_answered(place)).await.of(id)?;
+        if let Some(drive) = device.as_drive() {
+            self.axes.borrow_mut().hold(place, drive.held.clone());
+        }
         let axes = device.as_drive().map_or(&[][..], |drive| &drive.axes);
         self.reattach(place, |number| match axes.get(number) {
             Some(axis) => again(Box::new(axis.config.clone())),
@@ -374,9 +408,10 @@ impl Recovery {
         }
     }
 
-    fn with_data(&self, place: usize, change: impl FnOnce(&mut DriveData)) {
+    fn put_back(&self, place: usize, change: impl FnOnce(&mut DriveData)) {
         let mut cycle = self.context.cycle.borrow_mut();
-        if let Some(data) = data_of(&mut cycle, place) {
+        let drives = cycle.as_mut().map(|cycle| &mut cycle.exchange.drives);
+        if let Some(data) = drives.and_then(|drives| drives.put_back(place)) {
             change(data);
         }
     }
@@ -409,7 +444,7 @@ impl Recovery {
                 let _ = line::set_back(registers, station).await;
             }
         }
-        self.with_data(place, |data| data.away = false);
+        self.put_back(place, |_| ());
     }
 }
 
@@ -447,11 +482,10 @@ enum ReturnPhase {
 }
 
 /// The devices of a line that was brought up.
-pub(in crate::bus) fn members(ready: Ready) -> Vec<Member> {
-    let reference = ready.reference();
-    let members = ready.devices.into_iter().map(|device| Member {
+pub(in crate::bus) fn members(devices: Vec<Device>, reference: Option<&DriveId>) -> Vec<Member> {
+    let members = devices.into_iter().map(|device| Member {
         id: Arc::new(device.found.id.clone()),
-        is_reference: reference.as_ref() == Some(&device.found.id),
+        is_reference: reference == Some(&device.found.id),
         device: Mutex::new(device),
         phase: Cell::new(ReturnPhase::None),
     });

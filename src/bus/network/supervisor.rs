@@ -1,14 +1,20 @@
 //! The future that leads a network through its life: bring-up, watching over the AL states, the end in order.
 
-use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
+use std::{
+    cell::{Cell, RefCell},
+    rc::Rc,
+    sync::Arc,
+    time::Duration,
+};
 
 use async_task::Task;
 use smol::{channel::Sender, lock::Mutex};
 
 use super::{
     axes::Axes,
-    bring_up,
+    bring_up::{self, Ready},
     builder::LinePlan,
+    hot_connect::{Group, GroupState, HotConnecting},
     recovery::{self, Recovery},
 };
 use crate::{
@@ -63,6 +69,8 @@ pub(in crate::bus) struct Started {
     pub emergencies: Emergencies,
     /// The last cycles, as recorders read them.
     pub ring: Arc<CycleRing>,
+    /// The optional groups.
+    pub groups: Vec<Arc<GroupState>>,
 }
 
 /// The mailbox of a drive, or of another device that has one.
@@ -99,6 +107,7 @@ pub(in crate::bus) async fn supervise(
             if started.send(Ok(to_program)).await.is_ok() {
                 let watching = watch(&context, &running, &control, period);
                 let answering = answer(&context, &running, &control);
+                let watching = smol::future::or(watching, running.connecting.run());
                 smol::future::or(watching, answering).await;
             }
             end(&context, &running, &control, period).await;
@@ -121,7 +130,7 @@ impl Drop for EndOfEvents {
     }
 }
 
-/// What works with the process data, and all devices in the order of the exchange.
+/// What works with the process data, and the devices that last in the order of the exchange.
 struct Running {
     axes: Rc<RefCell<Axes>>,
     ports: Rc<RefCell<Ports>>,
@@ -131,6 +140,9 @@ struct Running {
     /// Whose clock is the reference.
     reference: Option<Arc<DriveId>>,
     recovery: Rc<Recovery>,
+    /// The AL states of the line OR-ed together and how many they are, when all is well.
+    usual: Rc<Cell<Option<(u8, u16)>>>,
+    connecting: HotConnecting,
 }
 
 async fn start(
@@ -142,6 +154,9 @@ async fn start(
     let period = plan.cycle;
     let progress = Progress::new(context, steps, plan.drives.len(), plan.ios.len());
     let progress = Rc::new(progress);
+    let declared: Vec<_> = plan.optional().collect();
+    let groups = plan.groups.iter().map(|group| group.name.clone());
+    let groups: Vec<_> = groups.map(GroupState::new).collect();
     let ready = bring_up::configure(context, plan, &progress).await?;
     let (axes, sources) = Axes::open(
         &ready.devices,
@@ -192,31 +207,58 @@ async fn start(
             .collect(),
         emergencies: context.emergencies.1.clone(),
         ring,
+        groups,
     };
-    let devices = ready.devices.iter();
-    let devices: Vec<_> = devices.map(|device| device.found.clone()).collect();
-    let ids: Vec<_> = devices
+    let reference = ready.reference().map(Arc::new);
+    let Ready {
+        devices,
+        line,
+        lasting,
+        groups: of_groups,
+        ..
+    } = ready;
+    let found = devices.iter().take(lasting);
+    let found: Vec<_> = found.map(|device| device.found.clone()).collect();
+    let ids: Vec<_> = found
         .iter()
         .map(|device| Arc::new(device.id.clone()))
         .collect();
-    let reference = ready.reference().map(Arc::new);
-    let recovery = Recovery {
+    let recovery = Rc::new(Recovery {
         context: context.clone(),
         control: Arc::clone(control),
         period,
         axes: Rc::clone(&axes),
         ports: Rc::clone(&ports),
-        line: ready.line.clone(),
-        devices: recovery::members(ready),
+        line,
+        devices: recovery::members(devices, reference.as_deref()),
         search: Mutex::new(()),
+    });
+    let usual = Rc::new(Cell::new(None));
+    let mut declared = declared.into_iter();
+    let of_groups = of_groups.into_iter().zip(&to_program.groups);
+    let of_groups = of_groups.map(|((first, places), state)| Group {
+        state: Arc::clone(state),
+        first,
+        declared: declared.by_ref().take(places.len()).collect(),
+        places,
+        trouble: RefCell::default(),
+    });
+    let connecting = HotConnecting {
+        recovery: Rc::clone(&recovery),
+        groups: of_groups.collect(),
+        usual: Rc::clone(&usual),
+        strangers: RefCell::default(),
     };
+    connecting.begin().await?;
     let running = Running {
         axes,
         ports,
         ids,
-        devices,
+        devices: found,
         reference,
-        recovery: Rc::new(recovery),
+        recovery,
+        usual,
+        connecting,
     };
     Ok((running, to_program))
 }
@@ -230,7 +272,6 @@ pub(in crate::bus) async fn given_up(context: &Context, control: &Control) {
 
 /// Watches over the drives until the network is to end.
 async fn watch(context: &Context, running: &Running, control: &Arc<Control>, period: Duration) {
-    let mut usual = None;
     let mut turn = 0;
     let mut lost = vec![false; running.devices.len()];
     let mut lock = LockWatch::new();
@@ -301,15 +342,15 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
         }
         let Some(seen) = al_status else { continue };
         // A drive that has fallen before the first look is not normal: SubDevices that nobody has declared are in PREOP.
-        if usual.is_none() && !wrong && seen.0 & FALLEN == 0 {
-            usual = Some(seen);
+        let usual = &running.usual;
+        if usual.get().is_none() && !wrong && seen.0 & FALLEN == 0 {
+            usual.set(Some(seen));
         }
-        let all_operational = context
-            .cycle
-            .borrow()
-            .as_ref()
-            .is_some_and(|cycle| cycle.exchange.drives.iter().all(DriveData::is_operational));
-        let is_usual = usual == Some(seen) && !wrong && all_operational;
+        let all_operational = context.cycle.borrow().as_ref().is_some_and(|cycle| {
+            let mut drives = cycle.exchange.drives.iter().take(running.devices.len());
+            drives.all(DriveData::is_operational)
+        });
+        let is_usual = usual.get() == Some(seen) && !wrong && all_operational;
         if is_usual && seen.0 & STATE == OP {
             continue;
         }
@@ -352,7 +393,8 @@ async fn answer(context: &Context, running: &Running, control: &Control) {
             Question::States(reply) => {
                 let (asked, recovery) = (context.clone(), Rc::clone(&running.recovery));
                 let reading = async move {
-                    let _ = reply.try_send(watch::read_states(&asked, &recovery.line).await);
+                    let _ =
+                        reply.try_send(watch::read_states(&asked, &recovery.line.devices).await);
                 };
                 under_way.extend(context.spawn(reading));
             }
@@ -404,6 +446,8 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
         }
         break;
     }
+    // Who comes next finds the line as it is wired.
+    let _ = running.connecting.give_ports_back().await;
     // A brake or a valve holds what it holds for as long as an axis moves.
     running.ports.borrow_mut().end();
     running.axes.borrow_mut().end();

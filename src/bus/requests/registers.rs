@@ -223,6 +223,10 @@ impl Registers {
 /// Written there: INIT, with any error acknowledged.
 pub(in crate::bus) const RESET: [u8; 2] = [0x11, 0];
 const ERROR: u8 = 0x10;
+/// Of AL control: the identification is asked for; of AL status: it stands in 0134h (ETG.1020).
+const IDENTIFICATION: u8 = 0x20;
+/// How long that may take. Assumed: a device's processor looks at AL control at least ten times a second.
+const IDENTIFICATION_LIMIT: Duration = Duration::from_millis(100);
 /// How long a SubDevice may show an error that was acknowledged (ETG.1020, default timeout of a step back to SAFEOP).
 const ACKNOWLEDGE_LIMIT: Duration = Duration::from_millis(200);
 /// Pauses between two looks at the AL status: a fourth of the time that the change takes already, within these bounds.
@@ -376,6 +380,34 @@ async fn acknowledge(
     let is_gone = |seen: AlStatus| seen.error.is_none();
     settled(registers, station, ACKNOWLEDGE_LIMIT, is_gone).await?;
     Ok(())
+}
+
+/// Asks for the explicit device identification (ETG.1020): none of a device that has none, or shows an error.
+pub(in crate::bus) async fn identification(
+    registers: &Registers,
+    station: u16,
+) -> Result<Option<u16>, RegisterError> {
+    let [before, ..]: [u8; 6] = registers.read(station, esc::AL_STATUS).await?;
+    let state = AlState::from_bits(before).bits();
+    registers
+        .write(station, esc::AL_CONTROL, &[state | IDENTIFICATION, 0])
+        .await?;
+    let time = registers.time();
+    let until = time.now().saturating_add(IDENTIFICATION_LIMIT);
+    let id = loop {
+        let [status, _, _, _, c0, c1] = registers.read(station, esc::AL_STATUS).await?;
+        if status & (IDENTIFICATION | ERROR) == IDENTIFICATION {
+            break Some(u16::from_le_bytes([c0, c1]));
+        }
+        if time.now() >= until {
+            break None;
+        }
+        time.sleep(LONGEST_PAUSE).await;
+    };
+    registers
+        .write(station, esc::AL_CONTROL, &[state, 0])
+        .await?;
+    Ok(id)
 }
 
 #[cfg(test)]

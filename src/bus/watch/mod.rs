@@ -25,6 +25,7 @@ use super::{
     device::progress::StepDone,
     error::{AlState, AlStatus, MovingAxis, NetworkError, RegisterError},
     event::{DeviceFinding, Finding, Miscounted, NetworkEvent, Recovered},
+    line::station_of,
     log::{AxisChange, AxisRecord, DriveChange, Log, LogRecord},
     requests::{
         Context, SLOTS,
@@ -704,8 +705,8 @@ pub(super) async fn read_states(
     let mut seen = Vec::with_capacity(line.len());
     for devices in line.chunks(AT_ONCE) {
         let asked = devices.iter().map(|device| {
-            let (registers, position) = (context.registers.clone(), device.position);
-            async move { registers::status_at(&registers, position).await }
+            let (registers, place) = (context.registers.clone(), device.position.into());
+            async move { registers::status(&registers, station_of(place)).await }
         });
         for (device, status) in devices.iter().zip(at_once(context, asked).await) {
             let status = match status {

@@ -1,0 +1,488 @@
+//! Optional groups: devices that come into a running line and leave it.
+//!
+//! A group is there as a whole or not at all. It joins by the same steps as a device that is brought back (`recovery`), and leaves when one
+//! of its devices falls silent. Ports that were opened when the line was whole close by themselves when their link is lost, and are
+//! opened here, when there is a link again: what is plugged in halfway costs some cycles at most.
+
+use std::{
+    cell::{Cell, RefCell},
+    future,
+    ops::Range,
+    rc::Rc,
+    slice,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
+
+use super::recovery::Recovery;
+use crate::{
+    bus::{
+        cycle::CycleClock,
+        error::NetworkError,
+        event::NetworkEvent,
+        expected::{self, DevicePlace, Expected, Present},
+        line::{self, NewDevice, station_of},
+        log::LogRecord,
+        watch::at_once,
+    },
+    coe::DriveId,
+    esc,
+};
+
+/// How often the line is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// How long after a failed attempt a group is tried again that has not been away meanwhile.
+const TRY_AGAIN: Duration = Duration::from_secs(2);
+
+/// Whether the devices of an optional group are in the line: made by [`Network::hot_connect`](crate::Network::hot_connect).
+///
+/// ```no_run
+/// # async fn example(net: servocrab::Network) -> Result<(), Box<dyn std::error::Error>> {
+/// let drill = net.hot_connect("drill")?;
+/// drill.joined().await?; // somebody puts it in
+/// net.axis("spindle")?.enable().await?;
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone)]
+pub struct HotConnect {
+    pub(super) group: Arc<GroupState>,
+    pub(super) clock: CycleClock,
+}
+
+impl HotConnect {
+    /// The name of the group.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.group.name
+    }
+
+    /// Whether all of its devices are in OP.
+    #[must_use]
+    pub fn is_joined(&self) -> bool {
+        self.group.is_joined.load(Ordering::Acquire)
+    }
+
+    /// Waits until it has joined. Its axes are disabled then, and not referenced.
+    ///
+    /// # Errors
+    /// [`NetworkError::Thread`] once the network has ended.
+    pub async fn joined(&self) -> Result<(), NetworkError> {
+        self.until(true).await
+    }
+
+    /// Waits until it has left.
+    ///
+    /// # Errors
+    /// [`NetworkError::Thread`] once the network has ended.
+    pub async fn left(&self) -> Result<(), NetworkError> {
+        self.until(false).await
+    }
+
+    async fn until(&self, is_joined: bool) -> Result<(), NetworkError> {
+        while self.is_joined() != is_joined {
+            self.clock.next_cycle().await?;
+        }
+        Ok(())
+    }
+}
+
+/// What the program sees of a group.
+#[derive(Debug)]
+pub(in crate::bus) struct GroupState {
+    pub name: String,
+    is_joined: AtomicBool,
+}
+
+impl GroupState {
+    pub fn new(name: String) -> Arc<Self> {
+        let is_joined = AtomicBool::new(false);
+        Arc::new(Self { name, is_joined })
+    }
+}
+
+/// A group, on the bus thread.
+pub(super) struct Group {
+    pub state: Arc<GroupState>,
+    /// Its first drive.
+    pub first: DriveId,
+    /// The places of its devices in the exchange.
+    pub places: Range<usize>,
+    /// What they are declared as.
+    pub declared: Vec<(DevicePlace, Expected)>,
+    /// Why it could not join the last time: told once.
+    pub trouble: RefCell<String>,
+}
+
+impl Group {
+    fn is_joined(&self) -> bool {
+        self.state.is_joined.load(Ordering::Acquire)
+    }
+}
+
+/// Lets groups join and leave.
+pub(super) struct HotConnecting {
+    pub recovery: Rc<Recovery>,
+    pub groups: Vec<Group>,
+    /// What the AL states of the line are when all is well: another with each device that joins or leaves.
+    pub usual: Rc<Cell<Option<(u8, u16)>>>,
+    /// Strangers that were told of.
+    pub strangers: RefCell<Vec<Present>>,
+}
+
+impl HotConnecting {
+    /// Lets those join that are there at the start.
+    pub async fn begin(&self) -> Result<(), NetworkError> {
+        if self.groups.is_empty() {
+            return Ok(());
+        }
+        for group in &self.groups {
+            group
+                .places
+                .clone()
+                .for_each(|place| self.recovery.take_out(place));
+        }
+        self.set_all_ports(AUTO_CLOSE).await?;
+        self.let_join().await;
+        Ok(())
+    }
+
+    /// For as long as the network lives.
+    pub async fn run(&self) {
+        if self.groups.is_empty() {
+            return future::pending().await;
+        }
+        smol::future::or(self.connect(), self.watch_ports()).await;
+    }
+
+    async fn connect(&self) {
+        let time = &self.recovery.context.time;
+        // How many there were at the last two looks, and at the last search.
+        let (mut before, mut searched) = (None, None);
+        let mut again_at = None;
+        loop {
+            time.sleep(LOOK_EVERY).await;
+            for group in self.groups.iter().filter(|group| group.is_joined()) {
+                if self.has_lost_one(group) {
+                    self.leave(group).await;
+                    searched = None;
+                }
+            }
+            let count = self.count();
+            let is_steady = count.is_some() && count == before;
+            before = count;
+            let now = time.now();
+            let is_due = count != searched || again_at.is_some_and(|at| now >= at);
+            let is_one_absent = self.groups.iter().any(|group| !group.is_joined());
+            if is_steady && is_due && is_one_absent {
+                let is_done = self.let_join().await;
+                searched = count;
+                again_at = (!is_done).then(|| time.now().saturating_add(TRY_AGAIN));
+            }
+        }
+    }
+
+    /// Lets each absent group join whose devices are there. False where that is to be tried again.
+    async fn let_join(&self) -> bool {
+        let Ok(Some(arrivals)) = self.search().await else {
+            return false;
+        };
+        let mut is_done = true;
+        for group in arrivals.into_iter().filter_map(|at| self.groups.get(at)) {
+            match self.join(group).await {
+                Ok(()) => {
+                    group.trouble.borrow_mut().clear();
+                    group.state.is_joined.store(true, Ordering::Release);
+                    self.tell(NetworkEvent::Joined {
+                        group: group.state.name.clone(),
+                        drive: group.first.clone(),
+                    });
+                }
+                Err(error) => {
+                    is_done = false;
+                    self.take_out(group).await;
+                    self.complain(group, &error);
+                }
+            }
+            self.usual.set(None);
+        }
+        is_done
+    }
+
+    /// Looks which absent groups are there, and gives their devices their addresses.
+    async fn search(&self) -> Result<Option<Vec<usize>>, NetworkError> {
+        let recovery = &self.recovery;
+        let _searching = recovery.search.lock().await;
+        let declared = self.groups.iter().flat_map(|group| &group.declared);
+        let places: Vec<_> = declared.map(|(place, _)| *place).collect();
+        let registers = &recovery.context.registers;
+        let found = line::name_new_ones(registers, &recovery.line, &places, |new| {
+            self.recognise(new)
+        });
+        found.await.map_err(NetworkError::Line)
+    }
+
+    /// Which of these devices get which addresses, and which groups are there by that.
+    fn recognise(&self, new: &[NewDevice]) -> (Vec<(usize, u16)>, Vec<usize>) {
+        let there: Vec<_> = new.iter().map(|device| device.present.clone()).collect();
+        let mut named = Vec::new();
+        let mut arrivals = Vec::new();
+        for (number, group) in self.groups.iter().enumerate() {
+            if group.is_joined() {
+                continue;
+            }
+            match expected::locate(&group.declared, &there) {
+                Ok(None) => {}
+                Ok(Some(places)) => {
+                    let stations = group.places.clone().map(|place| self.station(place));
+                    named.extend(places.into_iter().zip(stations));
+                    arrivals.push(number);
+                }
+                Err(mismatch) => self.complain(group, &mismatch.into()),
+            }
+        }
+        self.tell_of_strangers(new);
+        (named, arrivals)
+    }
+
+    /// Those that are nobody's, each once as long as it is there.
+    fn tell_of_strangers(&self, new: &[NewDevice]) {
+        let mut strangers = Vec::new();
+        for NewDevice { present, station } in new {
+            let declared = self.groups.iter().flat_map(|group| &group.declared);
+            let is_meant = declared.clone().any(|(place, _)| present.says(*place));
+            let mut lasting = self.recovery.line.devices.iter();
+            let may_be_lasting = lasting.any(|device| device.identity == present.id.identity);
+            if station.is_some() || is_meant || may_be_lasting {
+                continue;
+            }
+            if !self.strangers.borrow().contains(present) {
+                self.tell(NetworkEvent::Stranger(Arc::new(present.clone())));
+            }
+            strangers.push(present.clone());
+        }
+        self.strangers.replace(strangers);
+    }
+
+    /// Brings the devices of a group into OP, one after the other.
+    async fn join(&self, group: &Group) -> Result<(), NetworkError> {
+        for place in group.places.clone() {
+            self.recovery.join(place).await?;
+        }
+        for place in group.places.clone() {
+            self.recovery.axes.borrow_mut().set_absent(place, false);
+        }
+        Ok(())
+    }
+
+    fn has_lost_one(&self, group: &Group) -> bool {
+        let cycle = self.recovery.context.cycle.borrow();
+        let drives = cycle.as_ref().map(|cycle| &cycle.exchange.drives);
+        drives.is_some_and(|drives| {
+            let members = drives.get(group.places.clone());
+            members.is_some_and(|members| members.iter().any(|drive| drive.lost && !drive.away))
+        })
+    }
+
+    async fn leave(&self, group: &Group) {
+        group.state.is_joined.store(false, Ordering::Release);
+        self.take_out(group).await;
+        self.usual.set(None);
+        self.tell(NetworkEvent::Left {
+            group: group.state.name.clone(),
+            drive: group.first.clone(),
+        });
+    }
+
+    /// From now on it is absent. What is left of it goes to INIT.
+    async fn take_out(&self, group: &Group) {
+        for place in group.places.clone() {
+            self.recovery.take_out(place);
+        }
+        for place in group.places.clone() {
+            let registers = &self.recovery.context.registers;
+            // Nobody there need answer.
+            let _ = line::set_back(registers, self.station(place)).await;
+        }
+    }
+
+    /// The address of the device at this place of the exchange.
+    fn station(&self, place: usize) -> u16 {
+        let first = self.groups.first().map_or(0, |group| group.places.start);
+        let number = place.saturating_sub(first);
+        station_of(self.recovery.line.devices.len().saturating_add(number))
+    }
+
+    fn complain(&self, group: &Group, error: &NetworkError) {
+        let text = error.to_string();
+        if *group.trouble.borrow() == text {
+            return;
+        }
+        self.tell(NetworkEvent::NotJoined {
+            group: group.state.name.clone(),
+            drive: group.first.clone(),
+            why: text.clone(),
+        });
+        group.trouble.replace(text);
+    }
+
+    fn tell(&self, event: NetworkEvent) {
+        let context = &self.recovery.context;
+        let note = LogRecord::Passed(event.clone());
+        context.log.record(context.time.now(), note);
+        self.recovery.control.report(event);
+    }
+
+    /// How many devices answered in the last cycle.
+    fn count(&self) -> Option<u16> {
+        let cycle = self.recovery.context.cycle.borrow();
+        let (_, count) = cycle.as_ref()?.last.al_status?;
+        Some(count)
+    }
+}
+
+// The ports at which devices are plugged in and out.
+
+/// How often their links are looked at.
+const PORTS_EVERY: Duration = Duration::from_millis(100);
+/// In so many looks a link must be there before its port is opened: a connector that is being put in has one now and then.
+const STEADY_LOOKS: u32 = 3;
+/// After so many cycles all frames must be back once a port was opened.
+const TRIED_FOR: u64 = 3;
+/// How long its closing may wait for an answer, which need not come.
+const CLOSING: Duration = Duration::from_millis(50);
+/// Of DL control 0101h: ports 1 to 3 close when they lose their link, and open when that is written again (ESC data sheet, section II).
+const AUTO_CLOSE: u8 = 0x54;
+/// Of DL control 0101h, both bits of a port: closed.
+const CLOSED: u8 = 0x03;
+/// Of DL status 0110h: port 0 has a link; its loop is closed.
+const LINK: u16 = 0x0010;
+const LOOP_CLOSED: u16 = 0x0100;
+
+/// A port of a device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct DevicePort {
+    station: u16,
+    port: u8,
+}
+
+/// A port whose loop is closed although it has a link.
+struct ClosedPort {
+    at: DevicePort,
+    looks: u32,
+    /// Frames that went out of it did not come back: it stays closed for as long as it has a link.
+    is_bad: bool,
+}
+
+impl HotConnecting {
+    /// All ports open and close by themselves again.
+    pub async fn give_ports_back(&self) -> Result<(), NetworkError> {
+        self.set_all_ports(0).await
+    }
+
+    async fn set_all_ports(&self, control: u8) -> Result<(), NetworkError> {
+        if self.groups.is_empty() {
+            return Ok(());
+        }
+        let registers = &self.recovery.context.registers;
+        let set = registers.broadcast(esc::PORTS, &[control]).await;
+        set.map_err(NetworkError::Line)
+    }
+
+    async fn watch_ports(&self) {
+        let context = &self.recovery.context;
+        let mut closed: Vec<ClosedPort> = Vec::new();
+        loop {
+            context.time.sleep(PORTS_EVERY).await;
+            let stations = self.stations();
+            let looks = stations.iter().map(|&station| {
+                let registers = context.registers.clone();
+                async move { (station, registers.read(station, esc::DL_STATUS).await) }
+            });
+            for (station, status) in at_once(context, looks).await {
+                let Ok(status) = status.map(u16::from_le_bytes) else {
+                    continue;
+                };
+                for port in 1..4 {
+                    let at = DevicePort { station, port };
+                    let has_link = status & (LINK << port) != 0;
+                    let is_closed = status & (LOOP_CLOSED << (2 * port)) != 0;
+                    let known = closed.iter_mut().find(|closed| closed.at == at);
+                    match known {
+                        Some(known) if has_link && is_closed => known.looks += 1,
+                        None if has_link && is_closed => closed.push(ClosedPort {
+                            at,
+                            looks: 1,
+                            is_bad: false,
+                        }),
+                        _ => closed.retain(|closed| closed.at != at),
+                    }
+                }
+            }
+            let bad = closed.iter().filter(|closed| closed.is_bad);
+            let bad: Vec<_> = bad.map(|closed| closed.at).collect();
+            let is_due = |closed: &&mut ClosedPort| !closed.is_bad && closed.looks >= STEADY_LOOKS;
+            if let Some(port) = closed.iter_mut().find(is_due) {
+                port.is_bad = !self.open(port.at, &bad).await;
+            }
+        }
+    }
+
+    /// Opens a port, and closes it again if frames do not come back then. Those that are bad stay closed.
+    async fn open(&self, port: DevicePort, bad: &[DevicePort]) -> bool {
+        let Recovery { context, .. } = &*self.recovery;
+        let registers = &context.registers;
+        let bad = bad.iter().filter(|bad| bad.station == port.station);
+        let open = bad.fold(AUTO_CLOSE, |control, bad| {
+            control | CLOSED << (2 * bad.port)
+        });
+        let opening = registers.write(port.station, esc::PORTS, slice::from_ref(&open));
+        let opening = async {
+            // The frame that opens it may be the first one that is lost.
+            let _ = opening.await;
+            future::pending().await
+        };
+        let cycles = &context.counters.cycles;
+        let until = cycles.get() + TRIED_FOR;
+        let tried = async {
+            while cycles.get() < until {
+                context.time.sleep(self.recovery.period / 2).await;
+            }
+            self.count().is_some()
+        };
+        if smol::future::or(opening, tried).await {
+            return true;
+        }
+        let closed = [open | CLOSED << (2 * port.port)];
+        let closing = registers.write(port.station, esc::PORTS, &closed);
+        context.time.within(CLOSING, closing).await;
+        if let Some(device) = self.device_at(port.station) {
+            let port = port.port;
+            self.tell(NetworkEvent::HalfPlugged { device, port });
+        }
+        false
+    }
+
+    /// The addresses of all devices that are there.
+    fn stations(&self) -> Vec<u16> {
+        let lasting = (0..self.recovery.line.devices.len()).map(station_of);
+        let joined = self.groups.iter().filter(|group| group.is_joined());
+        let members = joined.flat_map(|group| group.places.clone());
+        let members = members.map(|place| self.station(place));
+        lasting.chain(members).collect()
+    }
+
+    fn device_at(&self, station: u16) -> Option<DriveId> {
+        let mut lasting = self.recovery.line.devices.iter();
+        let mut stations = (0..).map(station_of);
+        let lasting = lasting.find(|_| stations.next() == Some(station));
+        let first = self.groups.iter().find(|group| {
+            let mut places = group.places.clone();
+            places.any(|place| self.station(place) == station)
+        });
+        lasting.or(first.map(|group| &group.first)).cloned()
+    }
+}
