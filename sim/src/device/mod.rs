@@ -61,6 +61,8 @@ pub struct Device {
     drive: Option<Drive>,
     plain_inputs: Vec<u8>,
     outputs: Vec<u8>,
+    /// Where an identification is shown at all times, and which.
+    identification_word: Option<(u16, u16)>,
     /// Output buffers completed when SAFEOP was entered.
     outputs_before: u32,
     synchronisation: Synchronisation,
@@ -106,6 +108,7 @@ impl Device {
             drive,
             plain_inputs: vec![0; description.process_data_bytes(Direction::Inputs)],
             outputs: Vec::new(),
+            identification_word: None,
             outputs_before: 0,
             synchronisation: Synchronisation::default(),
             crystal: (clock_start, 0),
@@ -264,6 +267,13 @@ impl Device {
         self
     }
 
+    /// Has a word of registers or memory show an identification at all times, as the `IdentificationAdo` of an ESI file says
+    /// (ETG.2000). It outlives a loss of power.
+    pub fn set_identification_word(&mut self, address: u16, id: u16) {
+        self.identification_word = Some((address, id));
+        self.esc.show_word(address, id);
+    }
+
     /// Its processor has access to the EEPROM (0501h, bit 0), and keeps it until it is taken by force (0500h, bit 1).
     pub fn hold_eeprom(&mut self) {
         self.esc.hold_sii();
@@ -336,7 +346,7 @@ impl Device {
             let delay = self.mailbox.delay;
             let (sii_delay, sii_write_delay) = (self.esc.sii_delay, self.esc.sii_write_delay);
             let sii_reload = self.esc.sii_reload;
-            let crystal = self.crystal;
+            let (crystal, identification_word) = (self.crystal, self.identification_word);
             let axes: Vec<Axis> = self.axes().iter().map(Axis::restarted).collect();
             *self = Self::with_eeprom(
                 self.blueprint.clone(),
@@ -353,6 +363,9 @@ impl Device {
             self.esc.sii_reload = sii_reload;
             self.crystal = crystal;
             self.esc.set_clock(crystal.0, crystal.1);
+            if let Some((address, id)) = identification_word {
+                self.set_identification_word(address, id);
+            }
             self.next_cycle = now;
         }
     }

@@ -108,6 +108,22 @@ fn its_identification_outlives_a_loss_of_power_and_can_be_set_anew() {
 }
 
 #[test]
+fn a_word_can_show_an_identification_at_all_times() {
+    for address in [0x0F18, 0x1100] {
+        let mut master = Master::new(Segment::new().with(personality::coupler()));
+        let now = master.now;
+        let device = master.segment.device_mut(0).unwrap();
+        device.set_identification_word(address, ID);
+        for _ in 0..2 {
+            assert_eq!(master.exchange(BRD, 0, address, &[0; 2]).0, [0x07, 0x01]);
+            let device = master.segment.device_mut(0).unwrap();
+            device.power_off();
+            device.power_on(now);
+        }
+    }
+}
+
+#[test]
 fn any_device_can_be_given_an_alias_which_is_in_its_eeprom() {
     for mut device in [personality::coupler(), personality::akd2g()] {
         device.set_alias(0x0203);
