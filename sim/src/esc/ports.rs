@@ -25,12 +25,11 @@ impl Esc {
             }
         }
         // 0007h: ports 2 and 3 are MII where a cable has been seen.
-        let [_, _, link_2, link_3] = links;
-        let kinds = self.byte(reg::PORT_KINDS);
-        self.set_byte(
-            reg::PORT_KINDS,
-            kinds | u8::from(link_2) * 0x30 | u8::from(link_3) * 0xC0,
-        );
+        let mut kinds = self.byte(reg::PORT_KINDS);
+        for (port, link) in links.into_iter().enumerate().skip(2) {
+            kinds |= u8::from(link) * (0b11 << (2 * port));
+        }
+        self.set_byte(reg::PORT_KINDS, kinds);
         self.set_loops(false);
     }
 

@@ -189,7 +189,7 @@ fn a_connector_that_is_half_in_has_a_link_and_loses_the_frames_that_go_out_there
     control_port_1(&mut master, 0x1001, CLOSED);
     master.segment.half_plug(1);
     assert_eq!(shown(&mut master, 0x1001, 1), LINKED_AND_CLOSED);
-    assert_eq!(asks_for_pre_op(&mut master).0, true);
+    assert!(asks_for_pre_op(&mut master).0);
     assert_eq!(answer(&mut master), 1);
     // A cable that is put in half, and then whole, gives a port that closes by itself no reason to open.
     master.segment.unplug(1);
