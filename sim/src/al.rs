@@ -42,6 +42,8 @@ pub(crate) mod code {
 
 /// Control bit 4 acknowledges an error, status bit 4 shows it.
 const ERROR_BIT: u16 = 0x0010;
+/// Control bit 5 asks for the explicit device identification, status bit 5 says that 0134h shows it (ETG.1020).
+const ID_BIT: u16 = 0x0020;
 
 /// What the device checks before a step up.
 pub(crate) trait Checks {
@@ -60,15 +62,20 @@ pub(crate) struct AlMachine {
     code: u16,
     /// A request for OP that waits for outputs or SYNC0, and until when.
     waiting: Option<Duration>,
+    /// What the explicit device identification shows, and whether the MainDevice asks for it.
+    identification: Option<u16>,
+    asks_who: bool,
 }
 
 impl AlMachine {
     /// After power-up.
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(identification: Option<u16>) -> Self {
         Self {
             state: AlState::Init,
             code: code::NONE,
             waiting: None,
+            identification,
+            asks_who: false,
         }
     }
 
@@ -82,14 +89,24 @@ impl AlMachine {
         self.code
     }
 
-    /// Value of the AL status register.
-    pub(crate) fn status(&self) -> u16 {
-        u16::from(self.state as u8)
-            | if self.code == code::NONE {
-                0
-            } else {
-                ERROR_BIT
-            }
+    /// What the explicit device identification shows, when the device has one.
+    pub(crate) fn identification(&self) -> Option<u16> {
+        self.identification
+    }
+
+    /// Gives the device another identification.
+    pub(crate) fn identify(&mut self, identification: u16) {
+        self.identification = Some(identification);
+    }
+
+    /// Values of AL status and of 0134h: that has the error if there is one, else the identification if it is asked for.
+    pub(crate) fn registers(&self) -> (u16, u16) {
+        let state = u16::from(self.state as u8);
+        match self.identification {
+            _ if self.code != code::NONE => (state | ERROR_BIT, self.code),
+            Some(id) if self.asks_who => (state | ID_BIT, id),
+            _ => (state, code::NONE),
+        }
     }
 
     /// The MainDevice wrote AL control. `patience` is how long a request for OP waits for outputs and SYNC0.
@@ -100,14 +117,15 @@ impl AlMachine {
         now: Duration,
         patience: Duration,
     ) {
+        self.asks_who = control & ID_BIT != 0;
         let Some(requested) = decode(control) else {
             self.refuse(code::UNKNOWN_STATE);
             return;
         };
         if control & ERROR_BIT != 0 {
             self.code = code::NONE;
-        } else if self.code != code::NONE && requested > self.state {
-            // While the error is not acknowledged, no step up is even looked at.
+        } else if self.code != code::NONE && requested >= self.state {
+            // While the error is not acknowledged, only a way down is looked at.
             return;
         }
         self.waiting = None;
@@ -204,12 +222,12 @@ mod tests {
     /// Writes AL control and returns AL status and status code.
     fn ask(machine: &mut AlMachine, control: u16, checks: &Answers) -> (u16, u16) {
         machine.request(control, checks, Duration::ZERO, PATIENCE);
-        (machine.status(), machine.code())
+        machine.registers()
     }
 
     #[test]
     fn it_goes_up_step_by_step_and_down_in_one() {
-        let mut machine = AlMachine::new();
+        let mut machine = AlMachine::new(None);
         assert_eq!(ask(&mut machine, 2, &FINE), (2, 0));
         assert_eq!(ask(&mut machine, 4, &FINE), (4, 0));
         assert_eq!(ask(&mut machine, 8, &FINE), (8, 0));
@@ -218,19 +236,19 @@ mod tests {
 
     #[test]
     fn a_skipped_state_is_an_invalid_change() {
-        let mut machine = AlMachine::new();
+        let mut machine = AlMachine::new(None);
         assert_eq!(ask(&mut machine, 8, &FINE), (0x11, 0x0011));
     }
 
     #[test]
     fn unknown_states_and_boot_are_refused_with_codes_of_their_own() {
-        assert_eq!(ask(&mut AlMachine::new(), 7, &FINE), (0x11, 0x0012));
-        assert_eq!(ask(&mut AlMachine::new(), 3, &FINE), (0x11, 0x0013));
+        assert_eq!(ask(&mut AlMachine::new(None), 7, &FINE), (0x11, 0x0012));
+        assert_eq!(ask(&mut AlMachine::new(None), 3, &FINE), (0x11, 0x0013));
     }
 
     #[test]
     fn an_error_blocks_the_way_up_until_it_is_acknowledged() {
-        let mut machine = AlMachine::new();
+        let mut machine = AlMachine::new(None);
         let bad = Answers {
             mailbox: Err(0x0016),
             outputs: true,
@@ -247,17 +265,17 @@ mod tests {
             mailbox: Ok(()),
             outputs: false,
         };
-        let mut machine = AlMachine::new();
+        let mut machine = AlMachine::new(None);
         ask(&mut machine, 2, &FINE);
         ask(&mut machine, 4, &FINE);
         assert_eq!(ask(&mut machine, 8, &silent), (4, 0));
         machine.poll(&silent, Duration::from_millis(99));
-        assert_eq!(machine.status(), 4);
+        assert_eq!(machine.registers(), (4, 0));
         machine.poll(&silent, PATIENCE);
-        assert_eq!((machine.status(), machine.code()), (0x14, 0x0019));
+        assert_eq!(machine.registers(), (0x14, 0x0019));
         assert_eq!(ask(&mut machine, 0x14, &silent), (4, 0));
         assert_eq!(ask(&mut machine, 8, &silent), (4, 0));
         machine.poll(&FINE, Duration::ZERO);
-        assert_eq!(machine.status(), 8);
+        assert_eq!(machine.registers(), (8, 0));
     }
 }

@@ -163,7 +163,7 @@ pub struct Faults {
     pub miscount: Rate,
     /// Frames that come back with any working counter.
     pub counter: Rate,
-    /// Cables that are pulled. One cable at a time: another one puts the one before back.
+    /// Cables that are pulled.
     pub cut: Vec<Outage>,
     /// SubDevices without power.
     pub power: Vec<Outage>,
@@ -735,7 +735,7 @@ impl FaultyLine {
                 }
                 "fault"
             }
-            What::Plug => return self.segment.plug(),
+            What::Plug => return self.segment.plug_in(position),
             What::PowerBack => return device.power_on(now),
             What::Thaw => return device.freeze(false),
             What::Emergencies => {

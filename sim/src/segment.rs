@@ -8,7 +8,7 @@ use crate::datagram::execute;
 use crate::device::Device;
 use crate::ds402::{Axis, Plant};
 use crate::frame::{datagrams, is_ethercat, mark_source};
-use crate::topology::Topology;
+use crate::topology::{Cable, Port, Reach, Topology};
 
 /// One axis after one drive cycle.
 #[derive(Clone, Copy, Debug)]
@@ -46,10 +46,8 @@ type Observer = Box<dyn FnMut(&CycleRecord<'_>) + Send>;
 pub struct Segment {
     devices: Vec<Device>,
     topology: Topology,
-    /// Which devices the last frame reached; their places are set for that.
-    reached: Vec<bool>,
-    /// The cable in front of this device is pulled.
-    unplugged: Option<usize>,
+    /// Where the last frame got to; the devices' places are set for that.
+    reach: Reach,
     /// Where the end of the line is plugged in.
     ring: Option<(usize, usize)>,
     bad_cable: Option<BadCable>,
@@ -75,7 +73,7 @@ impl Segment {
     pub fn push(&mut self, device: Device) {
         self.topology.append();
         self.devices.push(device);
-        self.reached.clear();
+        self.reach = Reach::default();
         self.started = false;
     }
 
@@ -94,7 +92,7 @@ impl Segment {
     pub fn attach(&mut self, to: usize, port: usize, device: Device) -> Option<usize> {
         let position = self.topology.attach(to, port)?;
         self.devices.insert(position, device);
-        self.reached.clear();
+        self.reach = Reach::default();
         self.started = false;
         Some(position)
     }
@@ -104,7 +102,7 @@ impl Segment {
     pub fn set_delay(&mut self, position: usize, delay: Duration) {
         let delay = delay.as_nanos().try_into().unwrap_or(u64::MAX / 4);
         self.topology.set_delay(position, delay);
-        self.reached.clear();
+        self.reach = Reach::default();
     }
 
     /// Appends a SubDevice at the end of the line.
@@ -182,20 +180,46 @@ impl Segment {
         self.device(position).map_or(&[], Device::last_outputs)
     }
 
-    /// Pulls the cable in front of the SubDevice at this position; zero cuts off the whole segment.
+    /// Pulls the cable in front of the SubDevice at this position; zero cuts off the whole segment. Others stay as they are.
     pub fn unplug(&mut self, position: usize) {
-        self.unplugged = Some(position);
+        self.set_cable(position, Cable::Out);
+    }
+
+    /// Puts the cable in front of the SubDevice at this position back.
+    pub fn plug_in(&mut self, position: usize) {
+        self.set_cable(position, Cable::In);
+    }
+
+    /// Leaves the connector of the cable in front of the SubDevice at this position half in: the ports at both ends show a link, and a
+    /// frame that goes out there is lost. The SubDevices that it has reached before have taken it, the others have not. While the port
+    /// in front is closed (0101h), frames turn round there and nothing is lost.
+    ///
+    /// ```
+    /// use core::time::Duration;
+    /// use servocrab_sim::{Segment, personality};
+    ///
+    /// let mut segment = Segment::new().with(personality::coupler()).with(personality::akd2g());
+    /// let mut frame = vec![0xFF; 12];
+    /// frame.extend([0x88, 0xA4, 13, 0x10, 7, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]);
+    /// segment.half_plug(1);
+    /// assert!(!segment.process(&mut frame, Duration::ZERO));
+    /// segment.plug_in(1);
+    /// assert!(segment.process(&mut frame, Duration::ZERO));
+    /// ```
+    pub fn half_plug(&mut self, position: usize) {
+        self.set_cable(position, Cable::Half);
     }
 
     /// Plugs a cable from the last SubDevice's port 1 into this port of another one, so that the line is a ring.
     pub fn plug_end_into(&mut self, position: usize, port: usize) {
         self.ring = Some((position, port));
-        self.reached.clear();
+        self.reach = Reach::default();
     }
 
-    /// Puts the cable back.
+    /// Puts all cables back.
     pub fn plug(&mut self) {
-        self.unplugged = None;
+        self.topology.plug_all();
+        self.update_links();
     }
 
     /// Has the cable in front of the SubDevice at this position damage one of so many frames on their way out, so that they
@@ -211,21 +235,23 @@ impl Segment {
     }
 
     /// Takes a frame through all SubDevices and back, in place. `false`, with the frame unchanged, when it is no EtherCAT
-    /// frame or when no SubDevice is there to return it; `false` also for a frame that was damaged on its way.
+    /// frame or when no SubDevice is there to return it; `false` also for a frame that was damaged or lost on its way.
     ///
     /// `now` never goes back from call to call.
     pub fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
         self.advance(now);
         self.see_who_is_reached();
-        if !is_ethercat(frame) || self.reached.first() != Some(&true) {
+        let reached = &self.reach.devices;
+        if !is_ethercat(frame) || reached.first() != Some(&true) {
             return false;
         }
         let damaged_at = self.bad_cable.as_mut().and_then(BadCable::damages);
+        let damaged_at = damaged_at.filter(|at| reached.get(*at) == Some(&true));
         mark_source(frame);
         for range in datagrams(frame) {
             if let Some(datagram) = frame.get_mut(range) {
                 let whole = damaged_at.unwrap_or(usize::MAX);
-                let devices = self.devices.iter_mut().zip(&self.reached).take(whole);
+                let devices = self.devices.iter_mut().zip(reached).take(whole);
                 for (device, _) in devices.filter(|(_, reached)| **reached) {
                     if execute(device.esc(), datagram, now) {
                         device.after_datagram(now);
@@ -233,8 +259,8 @@ impl Segment {
                 }
             }
         }
-        damaged_at.is_none_or(|at| {
-            let devices = self.devices.iter_mut().zip(&self.reached);
+        damaged_at.map_or(self.reach.comes_back, |at| {
+            let devices = self.devices.iter_mut().zip(reached);
             cable::count_damage(
                 at,
                 devices.map(|(device, reached)| (device.esc(), *reached)),
@@ -265,26 +291,50 @@ impl Segment {
         }
     }
 
-    /// Looks which SubDevices have power and a cable; when that has changed, ports open and close.
-    fn see_who_is_reached(&mut self) {
-        let passable = |position: usize| {
-            let powered = self.devices.get(position).is_some_and(Device::is_powered);
-            powered && self.unplugged != Some(position)
-        };
-        let open = |position: usize, port| {
+    fn set_cable(&mut self, position: usize, cable: Cable) {
+        self.topology.set_cable(position, cable);
+        self.update_links();
+    }
+
+    /// Tells the SubDevices which of their ports have a link. One that was switched on since the last time was without power before.
+    fn update_links(&mut self) {
+        let fresh: Vec<bool> = self.devices.iter_mut().map(Device::take_fresh).collect();
+        if fresh.contains(&true) {
+            self.reach = Reach::default();
+            self.set_links(|position| fresh.get(position) != Some(&true));
+        }
+        self.set_links(|_| true);
+    }
+
+    /// Sets the links as they are when only these devices have power, of those that have it.
+    fn set_links(&mut self, with_power: impl Fn(usize) -> bool) {
+        let powered = |position: usize| {
             let device = self.devices.get(position);
-            device.is_some_and(|device| device.port_is_open(port))
+            device.is_some_and(Device::is_powered) && with_power(position)
         };
-        let reached = self.topology.reached(passable, open);
-        if reached == self.reached {
-            return;
+        let links = self.topology.links(powered, self.ring);
+        for (device, links) in self.devices.iter_mut().zip(links) {
+            device.set_links(links);
         }
-        let places = self.topology.places(&reached, self.ring);
-        let devices = self.devices.iter_mut().zip(places).zip(&reached);
-        for ((device, place), _) in devices.filter(|(_, reached)| **reached) {
-            device.set_place(place);
+    }
+
+    /// Looks which SubDevices have power, a cable and an open port in front of them.
+    fn see_who_is_reached(&mut self) {
+        self.update_links();
+        let powered = |position| self.device(position).is_some_and(Device::is_powered);
+        let port = |position, port| {
+            let device = self.device(position);
+            device.map_or(Port::Closed, |device| device.port(port))
+        };
+        let reach = self.topology.reach(powered, port);
+        if reach.devices != self.reach.devices {
+            let places = self.topology.places(&reach.devices, self.ring);
+            let devices = self.devices.iter_mut().zip(places).zip(&reach.devices);
+            for ((device, place), _) in devices.filter(|(_, reached)| **reached) {
+                device.set_place(place);
+            }
         }
-        self.reached = reached;
+        self.reach = reach;
     }
 }
 

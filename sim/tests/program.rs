@@ -190,3 +190,34 @@ fn faults_that_are_not_known_or_do_not_fit_the_line_are_refused_with_what_is_kno
     let output = with("loss=1%,delay=200us,cut=2s@0,plant=seeded");
     assert!(errors(&output).contains("nosuchif0"), "{}", errors(&output));
 }
+
+#[test]
+fn aliases_and_cables_that_are_wrong_are_refused_with_an_example_or_with_the_devices_that_there_are()
+ {
+    let with = |option, value| {
+        run(&[
+            "--interface",
+            "nosuchif0",
+            "--drive",
+            "generic",
+            option,
+            value,
+        ])
+    };
+    for (option, example) in [("--alias", "1=7"), ("--unplug", "1@2..4.5")] {
+        let output = with(option, "nonsense");
+        assert_eq!(output.status.code(), Some(2));
+        assert!(errors(&output).contains(example), "{}", errors(&output));
+        let output = with(option, example);
+        assert_eq!(output.status.code(), Some(1));
+        assert_eq!(
+            errors(&output),
+            "servocrab-sim: there is no SubDevice 1: the line has 1, counted from 0\n"
+        );
+    }
+    // Those that fit come as far as the interface.
+    for (option, value) in [("--alias", "0=7"), ("--unplug", "0@2..4.5")] {
+        let output = with(option, value);
+        assert!(errors(&output).contains("nosuchif0"), "{}", errors(&output));
+    }
+}

@@ -18,6 +18,7 @@ pub use crate::esc::EepromReload;
 use crate::esc::{Esc, Place};
 use crate::mailbox::Mailbox;
 use crate::sii;
+use crate::topology::Port;
 pub use dictionary::{ListedEntry, ListedObject};
 pub use habits::Habits;
 use habits::Practice;
@@ -50,6 +51,8 @@ pub struct Blueprint {
 pub struct Device {
     blueprint: Blueprint,
     powered: bool,
+    /// It was switched on, and its neighbours have not noticed yet.
+    fresh: bool,
     frozen: bool,
     esc: Esc,
     al: AlMachine,
@@ -58,6 +61,8 @@ pub struct Device {
     drive: Option<Drive>,
     plain_inputs: Vec<u8>,
     outputs: Vec<u8>,
+    /// Where an identification is shown at all times, and which.
+    identification_word: Option<(u16, u16)>,
     /// Output buffers completed when SAFEOP was entered.
     outputs_before: u32,
     synchronisation: Synchronisation,
@@ -72,11 +77,11 @@ impl Device {
     #[must_use]
     pub fn new(blueprint: Blueprint) -> Self {
         let eeprom = sii::image(&blueprint.description);
-        Self::with_eeprom(blueprint, eeprom)
+        Self::with_eeprom(blueprint, eeprom, None)
     }
 
     /// One with this in its EEPROM. Where that is no valid image, the processor runs only if it serves the EEPROM itself.
-    fn with_eeprom(blueprint: Blueprint, eeprom: Vec<u8>) -> Self {
+    fn with_eeprom(blueprint: Blueprint, eeprom: Vec<u8>, identification: Option<u16>) -> Self {
         let description = &blueprint.description;
         // Any start will do for a free-running clock, as long as no two kinds of devices have the same.
         let clock_start = u64::from(description.identity.product) * 1_000;
@@ -94,14 +99,16 @@ impl Device {
             .map(|drive| Drive::new(drive, description));
         let mut device = Self {
             powered: true,
+            fresh: true,
             frozen: false,
             esc,
-            al: AlMachine::new(),
+            al: AlMachine::new(identification),
             mailbox: Mailbox::serving(description.mailbox.map_or(0, |mailbox| mailbox.protocols)),
             server: Server::new(description.mailbox),
             drive,
             plain_inputs: vec![0; description.process_data_bytes(Direction::Inputs)],
             outputs: Vec::new(),
+            identification_word: None,
             outputs_before: 0,
             synchronisation: Synchronisation::default(),
             crystal: (clock_start, 0),
@@ -109,9 +116,8 @@ impl Device {
             practice: Practice::default(),
             blueprint,
         };
-        device
-            .esc
-            .set_al_status(device.al.status(), device.al.code());
+        let (status, code) = device.al.registers();
+        device.esc.set_al_status(status, code);
         device.freeze(!device.esc.is_sii_loaded() && !device.description().emulates_eeprom);
         device
     }
@@ -227,6 +233,47 @@ impl Device {
         self.esc.sii()
     }
 
+    /// Writes a station alias into its EEPROM, with the checksum, as if it had been there at power-up: 0012h shows it at once.
+    pub fn set_alias(&mut self, alias: u16) {
+        self.blueprint.description.alias = alias;
+        self.esc.set_alias(alias);
+    }
+
+    /// Sets what its ID selector shows: its explicit device identification (ETG.1020). While AL control bit 5 asks for it and there is
+    /// no error, AL status bit 5 is set and 0134h has it. Without this a device ignores the bit. It is looked at when AL control is
+    /// written, and outlives a loss of power.
+    ///
+    /// ```
+    /// use core::time::Duration;
+    /// use servocrab_sim::{Segment, personality};
+    ///
+    /// let mut segment = Segment::new().with(personality::akd2g().with_identification(7));
+    /// // A BWR of AL control: INIT, and who it is; a BRD of AL status to the AL status code.
+    /// let mut frame = vec![0xFF; 12];
+    /// frame.extend([0x88, 0xA4, 32, 0x10]);
+    /// frame.extend([8, 0, 0, 0, 0x20, 0x01, 2, 0x80, 0, 0, 0x21, 0, 0, 0]);
+    /// frame.extend([7, 0, 0, 0, 0x30, 0x01, 6, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    /// assert!(segment.process(&mut frame, Duration::ZERO));
+    /// assert_eq!(frame[40..46], [0x21, 0, 0, 0, 7, 0]);
+    /// ```
+    pub fn set_identification(&mut self, id: u16) {
+        self.al.identify(id);
+    }
+
+    /// The device with this explicit device identification, as [`Device::set_identification`] sets it.
+    #[must_use]
+    pub fn with_identification(mut self, id: u16) -> Self {
+        self.set_identification(id);
+        self
+    }
+
+    /// Has a word of registers or memory show an identification at all times, as the `IdentificationAdo` of an ESI file says
+    /// (ETG.2000). It outlives a loss of power.
+    pub fn set_identification_word(&mut self, address: u16, id: u16) {
+        self.identification_word = Some((address, id));
+        self.esc.show_word(address, id);
+    }
+
     /// Its processor has access to the EEPROM (0501h, bit 0), and keeps it until it is taken by force (0500h, bit 1).
     pub fn hold_eeprom(&mut self) {
         self.esc.hold_sii();
@@ -299,9 +346,13 @@ impl Device {
             let delay = self.mailbox.delay;
             let (sii_delay, sii_write_delay) = (self.esc.sii_delay, self.esc.sii_write_delay);
             let sii_reload = self.esc.sii_reload;
-            let (place, crystal) = (self.esc.place(), self.crystal);
+            let (crystal, identification_word) = (self.crystal, self.identification_word);
             let axes: Vec<Axis> = self.axes().iter().map(Axis::restarted).collect();
-            *self = Self::with_eeprom(self.blueprint.clone(), self.esc.sii().to_vec());
+            *self = Self::with_eeprom(
+                self.blueprint.clone(),
+                self.esc.sii().to_vec(),
+                self.al.identification(),
+            );
             if let Some(drive) = &mut self.drive {
                 for (axis, restarted) in drive.axes_mut().iter_mut().zip(axes) {
                     *axis = restarted;
@@ -310,15 +361,32 @@ impl Device {
             self.mailbox.delay = delay;
             (self.esc.sii_delay, self.esc.sii_write_delay) = (sii_delay, sii_write_delay);
             self.esc.sii_reload = sii_reload;
-            self.esc.set_place(place);
             self.crystal = crystal;
             self.esc.set_clock(crystal.0, crystal.1);
+            if let Some((address, id)) = identification_word {
+                self.set_identification_word(address, id);
+            }
             self.next_cycle = now;
         }
     }
 
-    pub(crate) fn port_is_open(&self, port: usize) -> bool {
-        self.esc.port_is_open(port)
+    pub(crate) fn port(&self, port: usize) -> Port {
+        match (self.esc.port_is_open(port), self.esc.has_link(port)) {
+            (false, _) => Port::Closed,
+            (true, true) => Port::Open,
+            (true, false) => Port::OpenWithoutLink,
+        }
+    }
+
+    pub(crate) fn set_links(&mut self, links: [bool; 4]) {
+        if self.powered {
+            self.esc.set_links(links);
+        }
+    }
+
+    /// Whether it was switched on since this was last asked.
+    pub(crate) fn take_fresh(&mut self) -> bool {
+        core::mem::take(&mut self.fresh)
     }
 
     pub(crate) fn set_place(&mut self, place: Place) {

@@ -164,7 +164,8 @@ impl Device {
     /// Follows a change of the AL state with what belongs to it.
     pub(super) fn after_al(&mut self, before: AlState) {
         let state = self.al.state();
-        self.esc.set_al_status(self.al.status(), self.al.code());
+        let (status, code) = self.al.registers();
+        self.esc.set_al_status(status, code);
         if state == before {
             return;
         }

@@ -17,7 +17,7 @@ pub(crate) struct Place {
     /// From the MainDevice to port 0.
     pub(crate) arrival: u64,
     /// From the arrival at port 0 to the arrival at each other port of the frame that comes back there; `None` for a port
-    /// without a neighbour. The first is always `None`.
+    /// behind which no frame goes. The first is always `None`.
     pub(crate) back: [Option<u64>; 4],
 }
 

@@ -5,6 +5,7 @@ mod clock;
 mod fmmu;
 mod memory;
 mod port_errors;
+mod ports;
 mod processor;
 mod register_access;
 pub(crate) mod registers;
@@ -21,6 +22,7 @@ use crate::description::ClockWidth;
 pub(crate) use clock::Place;
 use clock::{Clock, ControlLoop};
 use fmmu::Fmmu;
+use ports::Ports;
 use registers as reg;
 use registers::{CHANNELS, RAM_END, RAM_START};
 pub use sii_access::EepromReload;
@@ -55,6 +57,7 @@ pub(crate) struct Esc {
     clock: Clock,
     watchdog: Watchdog,
     place: Place,
+    ports: Ports,
     clock_width: Option<ClockWidth>,
     /// System time of SYNC0's next pulse, while the SYNC unit is on and has not missed it; and whether one has come.
     next_pulse: Option<u64>,
@@ -102,6 +105,7 @@ impl Esc {
             clock: Clock::new(clock_start),
             watchdog: Watchdog::default(),
             place: Place::default(),
+            ports: Ports::default(),
             clock_width,
             next_pulse: None,
             has_pulsed: false,
@@ -119,10 +123,8 @@ impl Esc {
             u16::from_le_bytes([CHANNELS as u8, CHANNELS as u8]),
         );
         // 0006h: KiB of memory; 0007h: ports 0 and 1 are MII, the others are not there.
-        esc.set_word(
-            0x0006,
-            u16::from_le_bytes([((RAM_END - RAM_START) / 1024) as u8, 0x0F]),
-        );
+        esc.set_byte(0x0006, ((RAM_END - RAM_START) / 1024) as u8);
+        esc.set_byte(reg::PORT_KINDS, 0x0F);
         // Bit 2: there are distributed clocks; bit 3: of 64 bits; bit 9: LRW is not supported.
         let clock = match clock_width {
             None => 0,
@@ -138,37 +140,13 @@ impl Esc {
         esc.set_word(reg::DC_FILTER, 0x0C04);
         esc.power_up_sii();
         esc.set_processor_runs(true);
+        esc.show_ports();
         esc
     }
 
-    /// Tells the ESC where in the line it is; the port status follows from that.
+    /// Tells the ESC where in the line it is.
     pub(crate) fn set_place(&mut self, place: Place) {
-        let before = self.place.back;
-        for (port, (before, now)) in (0..).zip(before.into_iter().zip(place.back)) {
-            if before.is_some() && now.is_none() {
-                self.count_lost_link(port);
-            }
-        }
         self.place = place;
-        // Bit 0: SII loaded; bit 1: the processor serves its watchdog. Of each port: link (bits 4 and up), and in pairs from bit 8: closed, or communication. Port 0
-        // is where frames come in.
-        let mut status = u16::from(self.sii_loaded) | self.word(reg::DL_STATUS) & 0x0002;
-        for (port, back) in (0..).zip(place.back) {
-            status |= if port == 0 || back.is_some() {
-                0x0010 << port | 0x0200 << (2 * port)
-            } else {
-                0x0100 << (2 * port)
-            };
-        }
-        self.set_word(reg::DL_STATUS, status);
-        // 0007h: ports 0 and 1 are MII, and so is any other that has a cable; the rest is not there.
-        let more = |port: usize| u8::from(place.back[port].is_some()) * (3 << (2 * port));
-        self.set_byte(0x0007, 0x0F | more(2) | more(3));
-    }
-
-    /// Whether frames go out of this port: 0101h has two bits for each, 3 for closed.
-    pub(crate) fn port_is_open(&self, port: usize) -> bool {
-        self.byte(reg::DL_CONTROL + 1) >> (2 * port) & 0x03 != 0x03
     }
 
     /// The device's processor serves its watchdog, or has stopped to do so (DL status, bit 1).
@@ -179,11 +157,6 @@ impl Esc {
 
     fn processor_runs(&self) -> bool {
         self.word(reg::DL_STATUS) & 0x0002 != 0
-    }
-
-    /// Where in the segment the ESC is.
-    pub(crate) fn place(&self) -> Place {
-        self.place
     }
 
     /// Gives the local clock another begin and a crystal that is this much too fast, in parts per billion.

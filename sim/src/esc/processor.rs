@@ -23,6 +23,11 @@ impl Esc {
         self.set_word(reg::AL_STATUS_CODE, code);
     }
 
+    /// Puts a word into registers or memory.
+    pub(crate) fn show_word(&mut self, address: u16, value: u16) {
+        self.set_word(address, value);
+    }
+
     /// How many buffers the MainDevice has completed in a sync manager since that was enabled.
     pub(crate) fn completed_buffers(&self, index: usize) -> u32 {
         self.sync_managers.get(index).map_or(0, |sm| sm.completed)

@@ -77,6 +77,10 @@ impl Esc {
             self.write_sii_owner(byte);
             return;
         }
+        if address == reg::LOOP_CONTROL {
+            self.write_loop_control(byte);
+            return;
+        }
         let sync_managers = reg::SYNC_MANAGER..reg::SYNC_MANAGER + 8 * CHANNELS as u16;
         if sync_managers.contains(&address) {
             let index = usize::from((address - reg::SYNC_MANAGER) / 8);

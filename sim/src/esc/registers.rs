@@ -5,10 +5,13 @@ use core::ops::Range;
 
 pub(crate) const TYPE: u16 = 0x0000;
 pub(crate) const FMMU_COUNT: u16 = 0x0004;
+pub(crate) const PORT_KINDS: u16 = 0x0007;
 pub(crate) const FEATURES: u16 = 0x0008;
 pub(crate) const STATION_ADDRESS: u16 = 0x0010;
 pub(crate) const STATION_ALIAS: u16 = 0x0012;
 pub(crate) const DL_CONTROL: u16 = 0x0100;
+/// Second byte of DL control: two bits for each port.
+pub(crate) const LOOP_CONTROL: u16 = 0x0101;
 pub(crate) const DL_STATUS: u16 = 0x0110;
 pub(crate) const AL_CONTROL: u16 = 0x0120;
 pub(crate) const AL_STATUS: u16 = 0x0130;

@@ -206,6 +206,14 @@ impl Esc {
         self.sii_load_status = if is_right { 0 } else { NOT_LOADED };
     }
 
+    /// Puts a station alias into the EEPROM, with the checksum of words 0 to 6, and takes it over.
+    pub(crate) fn set_alias(&mut self, alias: u16) {
+        self.put_sii(8, alias.to_le_bytes());
+        let checksum = crate::sii::checksum(self.sii.get(..14).unwrap_or(&[]));
+        self.put_sii(14, [checksum, 0]);
+        self.load_alias();
+    }
+
     fn load_alias(&mut self) {
         if self.sii_load_status == 0 {
             let alias = crate::frame::read_u16(&self.sii, 8).unwrap_or(0);

@@ -1,5 +1,6 @@
 //! A simulated EtherCAT segment on a network interface.
 
+mod line;
 mod machine;
 mod trace;
 
@@ -13,6 +14,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, ValueEnum};
+use line::LineArguments;
 use machine::MachineArguments;
 use servocrab_sim::link::{FRAME_CAPACITY, RawSocket};
 use servocrab_sim::personality::Servo;
@@ -44,6 +46,8 @@ struct Arguments {
     esi: Vec<EsiChoice>,
     #[command(flatten)]
     machine: MachineArguments,
+    #[command(flatten)]
+    line: LineArguments,
     /// Bytes of both mailboxes of each --drive; longer ones than a drive's own are not to be had
     #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(16..))]
     mailbox_bytes: Option<u16>,
@@ -131,6 +135,7 @@ fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>
     if arguments.ideal {
         segment = segment.ideal();
     }
+    let mut cables = arguments.line.apply(&mut segment)?;
     let mut line = FaultyLine::new(segment, &arguments.faults.clone().seed(arguments.seed))?;
     let socket = RawSocket::open(&arguments.interface)?;
     let trace = match &arguments.trace {
@@ -146,6 +151,7 @@ fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>
     std::io::stdout().flush()?;
 
     let start = Instant::now();
+    let mut first_frame = None;
     let mut flushed = Duration::ZERO;
     let mut buffer = [0; FRAME_CAPACITY];
     while !stop.load(Ordering::Relaxed) {
@@ -160,11 +166,17 @@ fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>
                 break;
             };
             let frame = buffer.get_mut(..length).unwrap_or(&mut []);
-            line.send(frame, start.elapsed());
+            let now = start.elapsed();
+            let since = now.saturating_sub(*first_frame.get_or_insert(now));
+            cables.at(since, line.segment_mut());
+            line.send(frame, now);
             answer(&mut line, &socket, start.elapsed())?;
         }
         let now = start.elapsed();
         line.advance(now);
+        if let Some(first) = first_frame {
+            cables.at(now.saturating_sub(first), line.segment_mut());
+        }
         for place in &terminals {
             wire_back(line.segment_mut(), *place);
         }
