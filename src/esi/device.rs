@@ -50,6 +50,9 @@ pub struct EsiDevice {
     pub clock_modes: Vec<EsiClockMode>,
     /// What is written to it by CoE on its way to OP.
     pub init_commands: Vec<EsiInitCommand>,
+    /// The register in which its explicit device identification always stands (`IdentificationAdo`): for
+    /// [`DevicePlace::IdentificationAt`](crate::bus::DevicePlace::IdentificationAt).
+    pub identification_ado: Option<u16>,
 }
 
 /// A sync manager.
@@ -278,6 +281,7 @@ impl EsiDevice {
         }
         let clock = device.child("Dc");
         let modes = clock.iter().flat_map(|dc| dc.children("OpMode"));
+        let info = device.child("Info");
         Ok(Self {
             vendor,
             product: kind.attribute_number("ProductCode")?.unwrap_or(0),
@@ -304,6 +308,10 @@ impl EsiDevice {
                 })
                 .collect::<Result<_, EsiError>>()?,
             init_commands,
+            identification_ado: match info {
+                Some(info) => info.number_of("IdentificationAdo")?,
+                None => None,
+            },
         })
     }
 }

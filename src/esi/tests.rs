@@ -508,3 +508,19 @@ fn each_pdo_and_each_direction_has_limits_of_its_own() {
     let bytes = layout.map(|layout| (layout.output_bytes(), layout.input_bytes()));
     assert_eq!(bytes, Ok((19, 11)), "{limits:?}");
 }
+
+#[test]
+fn the_register_of_its_identification_is_that_of_the_file() {
+    for (inside, register) in [
+        (
+            "<Info><IdentificationAdo>#x0f1a</IdentificationAdo></Info>",
+            Some(0x0F1A),
+        ),
+        ("<Info/>", None),
+        ("", None),
+    ] {
+        let esi = Esi::from_bytes("drive.xml", file(inside).as_bytes()).unwrap();
+        let device = esi.device(2, 0).unwrap();
+        assert_eq!(device.identification_ado, register);
+    }
+}

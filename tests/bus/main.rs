@@ -21,6 +21,8 @@ mod habits;
 mod held;
 mod history;
 mod holding;
+mod hot_connect;
+
 mod io;
 mod limits;
 mod load;

@@ -397,8 +397,7 @@ impl HotConnecting {
         let mut closed: Vec<ClosedPort> = Vec::new();
         loop {
             context.time.sleep(PORTS_EVERY).await;
-            let stations = self.stations();
-            let looks = stations.iter().map(|&station| {
+            let looks = self.stations().map(|station| {
                 let registers = context.registers.clone();
                 async move { (station, registers.read(station, esc::DL_STATUS).await) }
             });
@@ -466,13 +465,10 @@ impl HotConnecting {
         false
     }
 
-    /// The addresses of all devices that are there.
-    fn stations(&self) -> Vec<u16> {
-        let lasting = (0..self.recovery.line.devices.len()).map(station_of);
-        let joined = self.groups.iter().filter(|group| group.is_joined());
-        let members = joined.flat_map(|group| group.places.clone());
-        let members = members.map(|place| self.station(place));
-        lasting.chain(members).collect()
+    /// The addresses of all devices that may be there: of a group that has left as a whole, one may answer still.
+    fn stations(&self) -> impl Iterator<Item = u16> {
+        let members: usize = self.groups.iter().map(|group| group.places.len()).sum();
+        (0..self.recovery.line.devices.len() + members).map(station_of)
     }
 
     fn device_at(&self, station: u16) -> Option<DriveId> {
