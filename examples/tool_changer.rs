@@ -23,7 +23,7 @@ use std::{
 use clap::Parser;
 use interrupt::Interrupt;
 use servocrab::{
-    Axis, AxisConfig, AxisError, DriveConfig, Network, NetworkError, Referencing, SetPoint,
+    Axis, AxisConfig, AxisError, DriveConfig, Network, Referencing, SetPoint,
     bus::{CycleClock, DevicePlace, HotConnect},
     drives,
     link::Wire,
@@ -165,11 +165,16 @@ async fn use_once(drill: &HotConnect, spindle: &Axis) -> Result<(), Box<dyn Erro
     drill.joined().await?;
     say!("`{}` has joined", drill.name());
     match turn(spindle).await {
-        Ok(position) => say!("the spindle has turned, and is at {position}"),
+        Ok(position) => {
+            say!("the spindle has turned, and is at {position}");
+        }
         // It was taken out meanwhile.
-        Err(error) => say!("{error}"),
+        Err(error) => {
+            say!("{error}");
+        }
     }
-    left(drill).await?;
+    drill.left().await?;
+    say!("`{}` has left", drill.name());
     Ok(())
 }
 
@@ -179,10 +184,4 @@ async fn turn(spindle: &Axis) -> Result<i32, AxisError> {
     let turned = mode.move_rel(HOLE, slow()).await?.done().await?;
     spindle.disable().await?;
     Ok(turned.position())
-}
-
-async fn left(drill: &HotConnect) -> Result<(), NetworkError> {
-    drill.left().await?;
-    say!("`{}` has left", drill.name());
-    Ok(())
 }

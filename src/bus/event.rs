@@ -135,11 +135,17 @@ impl fmt::Display for NetworkEvent {
             Self::Joined { group, drive } => write!(f, "group `{group}` has joined, with {drive}"),
             Self::NotJoined { group, why, .. } => write!(f, "group `{group}` cannot join: {why}"),
             Self::Left { group, drive } => write!(f, "group `{group}` has left, with {drive}"),
-            Self::Stranger(present) => write!(
-                f,
-                "a device that is not declared was plugged in at position {}, and stays in INIT: {present}",
-                present.id.position
-            ),
+            Self::Stranger(present) => {
+                let position = present.id.position;
+                write!(
+                    f,
+                    "a device that is not declared was plugged in at position {position}, and stays in INIT: {present}"
+                )?;
+                let mut unnumbered = present.numbers.iter().filter(|number| number.is_nobodys());
+                unnumbered.try_for_each(|number| {
+                    write!(f, "; its {number} is that of devices without one")
+                })
+            }
             Self::HalfPlugged { device, port } => write!(
                 f,
                 "frames that went out of port {port} of {device} did not come back, and the port is closed: look at the connector there"

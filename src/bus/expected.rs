@@ -249,7 +249,7 @@ impl fmt::Display for Present {
             "{} ({vendor:08X}h:{product:08X}h, revision {revision:08X}h, serial {serial:08X}h",
             self.id.name
         )?;
-        for number in &self.numbers {
+        for number in self.numbers.iter().filter(|number| !number.is_nobodys()) {
             write!(f, ", {number}")?;
         }
         f.write_str(")")

@@ -320,13 +320,14 @@ pub(super) async fn measure(
     ) else {
         return Ok(None);
     };
-    let members = || line.iter().map(|found| lasts(found, lasting));
-    let widths = latched.iter().zip(members());
-    let widths = widths.filter_map(|(latched, lasts)| lasts.then(|| Some(latched.clock?.width)));
-    let widths = widths.collect();
-    let delays = settings.iter().zip(members());
-    let delays = delays.filter_map(|(set, lasts)| lasts.then(|| Some(set.as_ref()?.delay)));
-    let delays = delays.collect();
+    let of_each = line.iter().zip(latched.iter().zip(&settings));
+    let of_each = of_each.filter(|(found, _)| lasts(found, lasting));
+    let (widths, delays) = of_each
+        .map(|(_, (latched, set))| {
+            let width = latched.clock.map(|clock| clock.width);
+            (width, set.as_ref().map(|set| set.delay))
+        })
+        .unzip();
     Ok(Some(Rc::new(Clocks {
         distribution: Distribution {
             station: first.station,

@@ -353,8 +353,7 @@ impl Device {
             let error_texts = drive.config.description.error_texts.clone();
             Mailbox::unserved(context, &self.found.id, error_texts)
         });
-        let served = mailbox.serve(context, &self.found);
-        served.at(BringUpStep::Sii)?;
+        mailbox.serve(context, &self.found)?;
         let sdo = mailbox.sdo.clone();
         if let Some(clock) = &drive.config.clock {
             clocks::set_sync_types(context, &sdo, clock, drive.cycle)
@@ -658,19 +657,20 @@ impl Mailbox {
     }
 
     /// Serves it from now on as the device's SII says. One that is served already stays so, if the device still has it there.
-    pub fn serve(&self, context: &Context, found: &Found) -> Result<(), DriveFault> {
+    pub fn serve(&self, context: &Context, found: &Found) -> Result<(), StepError> {
+        let step = BringUpStep::Sii;
         let mailbox = found.sii.mailbox;
         let mailbox = mailbox.filter(|mailbox| mailbox.protocols.coe());
-        let mailbox = mailbox.ok_or(DriveFault::NoMailbox)?;
+        let mailbox = mailbox.ok_or(DriveFault::NoMailbox).at(step)?;
         if let Some(expected) = self.service.areas.get() {
             if expected == mailbox {
                 return Ok(());
             }
             let got = mailbox;
-            return Err(DriveFault::OtherMailbox { expected, got });
+            return Err(DriveFault::OtherMailbox { expected, got }).at(step);
         }
         let unserved = self.service.unserved.take();
-        let unserved = unserved.ok_or(DriveFault::NoMailbox)?;
+        let unserved = unserved.ok_or(DriveFault::NoMailbox).at(step)?;
         let client = MailboxClient::serving(
             unserved,
             EthercrabMailbox::new(context.registers.main(), found.station, mailbox),
@@ -685,7 +685,7 @@ impl Mailbox {
                 log.record(at, LogRecord::MailboxMessage(note));
             }));
         let task = context.spawn(client.run());
-        task.ok_or(DriveFault::NoMailbox)?.detach();
+        task.ok_or(DriveFault::NoMailbox).at(step)?.detach();
         self.service.areas.set(Some(mailbox));
         Ok(())
     }

@@ -468,7 +468,9 @@ impl Stepper for Rc<RefCell<Axes>> {
             let Some(change) = drives.step(axis.drive, step) else {
                 continue;
             };
-            if let Some(snapshot) = axis.port.pass(&mut axis.core, change) {
+            if let Some(snapshot) = axis.port.pass(&mut axis.core, change)
+                && !axis.is_absent
+            {
                 this.transitions.look(now, index, &snapshot);
             }
         }

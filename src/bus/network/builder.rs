@@ -478,9 +478,7 @@ impl LinePlan {
         declared.extend(self.optional());
         for (number, (place, _)) in declared.iter().enumerate() {
             if place.is_nobodys() {
-                return wrong(format!(
-                    "{place} is that of devices to which none was given"
-                ));
+                return wrong(format!("{place} is that of devices without one"));
             }
             let mut before = declared.iter().take(number);
             if before.any(|(other, _)| other == place) {
