@@ -3,13 +3,15 @@
 //! `topology` computes and is pure; the accesses are here. The phase controller itself is in `cycle`, which it is part
 //! of. It calls `line` and `requests`, and must not know of drives but their setting here.
 
+mod reference;
 pub(super) mod topology;
 
 use std::{cell::Cell, rc::Rc, time::Duration};
 
+pub(super) use super::cycle::reference_clock::bound;
 use super::{
     cycle::{
-        reference_clock::{Distribution, LOCK_CYCLES, Phase, bound, extend, to_multiple},
+        reference_clock::{Distribution, LOCK_CYCLES, Phase, extend, to_multiple},
         statistics::ClockStatistics,
     },
     error::{
@@ -174,6 +176,8 @@ pub(super) struct Clocks {
     widths: Vec<Option<Width>>,
     /// Nanoseconds that a frame takes from the reference to each clock, by the same places.
     delays: Vec<Option<u32>>,
+    /// What is added to the reference's local time: 0 until its device begins anew.
+    offset: Cell<u64>,
     /// A time of the reference clock, and when that was: later ones are extended to 64 bits with it.
     known: Cell<(u64, Duration)>,
     /// How the first distributions have ended.
@@ -233,10 +237,10 @@ impl Clocks {
         station: u16,
         width: Width,
     ) -> Result<Option<(u64, u64)>, RegisterError> {
-        // Of the reference, which has no offset.
         let reference = async || -> Result<u32, RegisterError> {
             let low = registers.read(self.distribution.station, esc::RECEIVE_TIME_UNIT);
-            low.await.map(u32::from_le_bytes)
+            let local = low.await.map(u32::from_le_bytes)?;
+            Ok(local.wrapping_add(self.offset.get() as u32))
         };
         for _ in 0..LATCHES {
             registers.broadcast(esc::RECEIVE_TIMES, &[0; 4]).await?;
@@ -331,6 +335,7 @@ pub(super) async fn measure(
         reference: first.id.clone(),
         widths,
         delays,
+        offset: Cell::new(0),
         known: Cell::new((clock.local, registers.time().now())),
         taught: Cell::new(None),
         stands: Cell::new(false),

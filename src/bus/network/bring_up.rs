@@ -37,7 +37,7 @@ pub(in crate::bus) struct Ready {
     /// In the order of the exchange.
     pub devices: Vec<Device>,
     /// The distributed clocks, where a drive uses its.
-    clocks: Option<Rc<Clocks>>,
+    pub clocks: Option<Rc<Clocks>>,
 }
 
 impl Ready {

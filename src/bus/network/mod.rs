@@ -8,6 +8,7 @@ pub(super) mod axes;
 pub(super) mod bring_up;
 pub(super) mod builder;
 pub(super) mod recovery;
+mod reference;
 pub(super) mod scan;
 pub(super) mod supervisor;
 pub(super) mod view;

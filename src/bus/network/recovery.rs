@@ -20,7 +20,7 @@ use super::{
 use crate::{
     axis::{CoreConfig, Reattach},
     bus::{
-        clocks,
+        clocks::{self, Clocks},
         cycle::{Answer, Cycle, DriveData},
         device::{
             Device, SAFE_OP_LIMIT,
@@ -50,6 +50,8 @@ pub(in crate::bus) struct Recovery {
     pub ports: Rc<RefCell<Ports>>,
     /// All devices of the line, as they were found at the start.
     pub line: Vec<DriveId>,
+    /// Its clocks, where they are used.
+    pub clocks: Option<Rc<Clocks>>,
     /// In the order of the exchange.
     pub devices: Vec<Member>,
     /// Held by whoever looks for a device.
@@ -122,6 +124,7 @@ impl Recovery {
             AlState::Op if from.error.is_none() && !half_way => {
                 let is_served = self.until(|this| this.is_served(place));
                 is_served.await.of(&device.found.id)?;
+                self.join(member, device).await?;
                 // An attempt before may have failed while it was cut off.
                 self.ports.borrow_mut().release(place);
                 self.axes.borrow_mut().recall_homing(place);
@@ -151,16 +154,14 @@ impl Recovery {
         device: &Device,
     ) -> Result<u16, NetworkError> {
         let at_start = &device.found.id;
-        let clock = |error| Err(error).at(BringUpStep::Clock).of(at_start);
-        // By its address the time is read that all others get.
-        if member.is_reference {
-            return clock(DriveFault::ReferenceOfRunningLine);
-        }
         self.cut_off(place);
         let _searching = self.search.lock().await;
-        let position = line::find_again(&self.context.registers, &self.line, at_start).await?;
-        if device.clocks().is_some() && position != at_start.position {
-            return clock(DriveFault::ClockOfRunningLine);
+        let position = self.address(at_start).await?;
+        let has_clock = member.is_reference || device.clocks().is_some();
+        if has_clock && position != at_start.position {
+            return Err(DriveFault::ClockOfRunningLine)
+                .at(BringUpStep::Clock)
+                .of(at_start);
         }
         Ok(position)
     }
@@ -284,6 +285,7 @@ impl Recovery {
         again: fn(Box<CoreConfig>) -> Reattach,
     ) -> Result<(), NetworkError> {
         let id = &device.found.id;
+        self.join(member, device).await?;
         if device.clocks().is_some() {
             let drives = iter::once(&device.found);
             clocks::wait_for_lock(&self.context, drives, self.period).await?;
@@ -430,7 +432,7 @@ pub(in crate::bus) struct Member {
     /// Whether all other clocks follow its own.
     is_reference: bool,
     /// How it is set up. Held by whoever brings it back.
-    device: Mutex<Device>,
+    pub device: Mutex<Device>,
     /// How far it is.
     phase: Cell<ReturnPhase>,
 }
@@ -461,8 +463,19 @@ pub(in crate::bus) fn members(ready: Ready) -> Vec<Member> {
 // The distributed clock of a device that has begun anew in a line whose clocks run.
 
 impl Recovery {
+    /// Sees to it that the reference gives its time, where the device follows that or is it.
+    async fn join(&self, member: &Member, device: &Device) -> Result<(), NetworkError> {
+        match &self.clocks {
+            Some(clocks) if member.is_reference || device.clocks().is_some() => {
+                self.join_reference(clocks).await
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// By the reference clock that all others follow, if it follows that too.
     async fn set_clock(&self, member: &Member, device: &Device) -> Result<(), NetworkError> {
+        self.join(member, device).await?;
         let Some(clocks) = device.clocks() else {
             return Ok(());
         };
@@ -474,7 +487,7 @@ impl Recovery {
         if let Some((time, at)) = known {
             clocks.remember(time, at);
         }
-        // Its own was not set.
+        // By its own no other can be measured.
         if member.is_reference {
             return Ok(());
         }

@@ -207,6 +207,7 @@ async fn start(
         axes: Rc::clone(&axes),
         ports: Rc::clone(&ports),
         line: ready.line.clone(),
+        clocks: ready.clocks.clone(),
         devices: recovery::members(ready),
         search: Mutex::new(()),
     };
