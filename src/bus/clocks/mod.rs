@@ -262,10 +262,15 @@ impl Clocks {
 
     async fn distribute(&self, registers: &Registers) -> Result<(), RegisterError> {
         let (before, _) = self.now(registers).await?;
+        let mut zeros = 0;
         for _ in 0..DISTRIBUTIONS {
-            registers
-                .distribute(self.distribution.station, esc::SYSTEM_TIME)
-                .await?;
+            let station = self.distribution.station;
+            let time = registers.distribute(station, esc::SYSTEM_TIME).await?;
+            zeros = if time == [0; 4] { zeros + 1 } else { 0 };
+            if zeros > 1 {
+                // No clock shows that twice. The reference is without power now, and the others must not learn from zeros.
+                return Err(RegisterError::NotAnswered);
+            }
         }
         let (after, _) = self.now(registers).await?;
         self.stands.set(before as u32 == after as u32);

@@ -124,7 +124,9 @@ impl Recovery {
             AlState::Op if from.error.is_none() && !half_way => {
                 let is_served = self.until(|this| this.is_served(place));
                 is_served.await.of(&device.found.id)?;
-                self.join(member, device).await?;
+                if member.is_reference {
+                    self.join(member, device).await?;
+                }
                 // An attempt before may have failed while it was cut off.
                 self.ports.borrow_mut().release(place);
                 self.axes.borrow_mut().recall_homing(place);
