@@ -148,18 +148,6 @@ fn a_moving_follower_loses_no_cycle_while_the_reference_comes_back() {
         assert!(x.status().state != State::OperationEnabled && !x.status().referenced);
         let state = line.segment().axis(0, 0).unwrap().state();
         assert_ne!(state, Power::OperationEnabled);
-        let mut most = (0, 0);
-        for _ in 0..300 {
-            rig.run_for(10 * MS);
-            most.0 = most.0.max(apart(&line.segment(), rig.bus.now()));
-            most.1 = most
-                .1
-                .max(rig.net().statistics().clock.unwrap().phase_error_ns.abs());
-        }
-        eprintln!(
-            "{before} {after}: apart, phase {most:?} {:?}",
-            rig.net().statistics().clock
-        );
         all_agree(&line, &mut rig);
         assert_eq!(of_followers(&line), mistakes);
         assert!(line.segment().axis(1, 0).unwrap().velocity() > 0.0);
