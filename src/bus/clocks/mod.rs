@@ -8,10 +8,9 @@ pub(super) mod topology;
 
 use std::{cell::Cell, rc::Rc, time::Duration};
 
-pub(super) use super::cycle::reference_clock::bound;
 use super::{
     cycle::{
-        reference_clock::{Distribution, LOCK_CYCLES, Phase, extend, to_multiple},
+        reference_clock::{Distribution, LOCK_CYCLES, Phase, bound, extend, to_multiple},
         statistics::ClockStatistics,
     },
     error::{

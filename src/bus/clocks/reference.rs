@@ -1,5 +1,5 @@
-//! Sets the reference clock of a running line after its device was without power: it gets the time that the cycles give to all clocks
-//! meanwhile, and shows that as exactly as the others before it is followed again.
+//! Sets the reference clock of a running line after its device was without power. Meanwhile the cycles give their time to all clocks. The
+//! reference is set to that.
 
 use std::time::Duration;
 
@@ -16,11 +16,11 @@ use crate::{
     esc,
 };
 
-/// How often its offset is corrected. The first time leaves what a frame waits for its turn, the second what the mean lags behind.
+/// How often its offset is corrected. The first one leaves what a frame waits for its turn. The second leaves what the mean lags behind.
 const CORRECTIONS: usize = 8;
 
 impl Clocks {
-    /// Sets the reference's offset so that it shows the cycles' time, which all clocks must be given in each cycle.
+    /// Sets the reference's offset so that it shows the cycles' time. The cycles must lead.
     pub async fn set_reference(
         &self,
         context: &Context,
@@ -40,7 +40,7 @@ impl Clocks {
         let since = context.time.now().saturating_sub(at).as_nanos();
         let time = time.wrapping_add(u64::try_from(since).unwrap_or(u64::MAX));
         offset = offset.wrapping_add(time.wrapping_sub(shown));
-        // The least that is left where its crystal is 200 ppm off and has not been learned; a quarter of what the others must bear.
+        // More than what stays between two cycles of a crystal that is 200 ppm off. The others bear four times as much.
         let bound = bound(period) / 4;
         let mut apart = Duration::MAX;
         for _ in 0..CORRECTIONS {
@@ -59,7 +59,7 @@ impl Clocks {
         Err(DriveFault::ClockApart { apart, bound })
     }
 
-    /// By how many nanoseconds the clock of another SubDevice would be set back by the reference's time.
+    /// By how much the reference's time would set another clock back, in nanoseconds.
     pub async fn step_of(&self, registers: &Registers, station: u16) -> Result<i64, RegisterError> {
         let of_reference = ahead(registers, self.distribution.station).await?;
         Ok(ahead(registers, station)
@@ -68,7 +68,7 @@ impl Clocks {
     }
 }
 
-/// By how many nanoseconds a clock is ahead of the time that it is given, in the mean: register 092Ch.
+/// How far a clock is ahead of the time that it gets, in nanoseconds. This is the mean that 092Ch shows.
 async fn ahead(registers: &Registers, station: u16) -> Result<i64, RegisterError> {
     let shown = registers
         .read(station, esc::SYSTEM_TIME_DIFFERENCE)

@@ -1,13 +1,13 @@
 //! The way of the reference clock back into a running line, after its device was without power.
 //!
-//! While it is away the cycles give their own time to all clocks, also to it, and what it shows is not looked at. Its clock is set to that
-//! time, and it is followed again only when it shows that and no enabled axis has to bear a step.
+//! While it is away the cycles give their own time to all clocks, also to it. What it shows is not looked at. Its clock is set to that time.
+//! It is followed again when it shows that, and no enabled axis has to bear a step.
 
 use super::recovery::Recovery;
 use crate::{
     bus::{
-        clocks::{Clocks, bound},
-        cycle::Cycle,
+        clocks::Clocks,
+        cycle::{Cycle, reference_clock::bound},
         error::{
             AtStep, BringUpStep, DriveFault, MovingAxis, NetworkError, OfDevice, ReferenceClock,
             RegisterError,
@@ -19,9 +19,8 @@ use crate::{
 };
 
 impl Recovery {
-    /// Sees to it that the reference gives its time, where its device is there and was without power. It need not be in the exchange: its
-    /// AL state stays.
-    pub(super) async fn join_reference(&self, clocks: &Clocks) -> Result<(), NetworkError> {
+    /// Sees to it that the reference gives its time, where its device was without power. It need not be in the exchange. Its AL state stays.
+    pub async fn join_reference(&self, clocks: &Clocks) -> Result<(), NetworkError> {
         let _searching = self.search.lock().await;
         let seen = self.context.counters.clock.read();
         let is_silent = seen.is_some_and(|seen| seen.reference == ReferenceClock::Silent);
@@ -53,19 +52,19 @@ impl Recovery {
     }
 
     /// Gives a device its station address again. The reference's time is not looked at from then on, and given to nobody.
-    pub(super) async fn address(&self, id: &DriveId) -> Result<u16, NetworkError> {
+    pub async fn address(&self, id: &DriveId) -> Result<u16, NetworkError> {
         let clocks = self.clocks.as_ref();
         let is_reference = clocks.is_some_and(|clocks| clocks.reference == *id);
         let leads_since_now = is_reference && self.with_cycle(Cycle::lead_clocks) == Some(true);
         let found = line::find_again(&self.context.registers, &self.line, id).await;
         if leads_since_now && matches!(found, Err(NetworkError::WrongLine(_))) {
-            // It is not there, and has no address. If it has kept its power it will give its time when it is.
+            // It is not there, and has no address. One that has kept its power will give its time.
             self.with_cycle(Cycle::follow_reference);
         }
         found
     }
 
-    /// That no axis is enabled, or moving, whose drive's clock would be moved further than a lock allows.
+    /// That no drive with an enabled or moving axis gets a step of its clock beyond the bound.
     async fn bear_the_step(&self, clocks: &Clocks) -> Result<(), NetworkError> {
         let bound = bound(self.period);
         for member in &self.devices {
