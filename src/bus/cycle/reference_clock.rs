@@ -300,6 +300,9 @@ impl Slot {
     /// The time that the reference clock put into the frame that came back, if it did. The working counter does not show it: a
     /// SubDevice that was switched off and on has lost its station address, and takes the time like all others.
     pub fn read(&mut self, answer: Option<&[u8]>) -> Option<u32> {
+        if self.leads {
+            return None;
+        }
         let data = answer.and_then(|answer| answer.get(self.data.clone()));
         let time = data.and_then(|data| Some(u32::from_le_bytes(data.try_into().ok()?)));
         self.echoes = match time {
@@ -308,7 +311,7 @@ impl Slot {
             Some(_) => 0,
         };
         // A clock in step may show by chance what was sent, and what was sent is where it should be.
-        time.filter(|_| !self.leads && self.echoes < ECHOES)
+        time.filter(|_| self.echoes < ECHOES)
     }
 
     /// From the next frame on all clocks get the time that is put in, the reference among them (BWR).
