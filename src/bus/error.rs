@@ -223,7 +223,7 @@ impl fmt::Display for WhyNotLocked {
                  from waking in time?"
             ),
             ReferenceClock::Silent => f.write_str(
-                "it gives no time. Is its device switched off, or was it? Then shut the network down and start it again",
+                "it gives no time. Is its device there, and switched on? Then bring it back with `Network::recover`",
             ),
             ReferenceClock::Jumped => f.write_str(
                 "it has jumped, and the network follows it no more. Shut the network down and start it again",
@@ -492,11 +492,19 @@ pub enum DriveFault {
          cannot be measured while the network runs. Put them back, or shut the network down and start it again"
     )]
     ClockOfRunningLine,
-    /// It was without power, and the clocks of the others follow its own, which would jump.
+    /// The reference clock was without power and is set again. To follow it would move the clock of this drive further than its axis
+    /// may bear while it is enabled or moves.
     #[error(
-        "its clock is the reference of the others and has begun anew: shut the network down and start it again"
+        "the reference clock that comes back would move its clock by {by_ns} ns, and more than {bound:?} is too much while axis {axis} is enabled:          stop and disable that, then ask for the recovery again"
     )]
-    ReferenceOfRunningLine,
+    ClockStep {
+        /// The axis' name.
+        axis: String,
+        /// By how much its clock would be set back, in nanoseconds.
+        by_ns: i64,
+        /// What is allowed.
+        bound: Duration,
+    },
     /// Its SYNC unit is not on as it was switched on.
     #[error("its SYNC unit is on with {got:02X}h in register 0981h instead of {expected:02X}h")]
     SyncUnit {

@@ -167,7 +167,8 @@ pub enum ClockEvent {
     /// The cycles are in step again.
     InStep,
     /// The clock no longer gives its time. The cycles go on at the speed that it had, and all other clocks follow them. It may
-    /// be lost, or have been switched off and on: then the network is to be started anew.
+    /// be lost, or have been switched off and on: then [`Network::recover`](crate::Network::recover) of its device, or of one that follows
+    /// it, sets it to the time of the cycles.
     Silent,
     /// The clock shows a time that it cannot have. All clocks follow the cycles from now on, which go on at the speed that they
     /// had, and all axes were stopped and disabled, as at the network's end; it is to be started anew.

@@ -7,6 +7,7 @@ mod bring_up_costs;
 mod cable;
 mod clocks;
 mod clocks_again;
+mod clocks_reference;
 mod clocks_trouble;
 mod earlier_master;
 mod eeprom;

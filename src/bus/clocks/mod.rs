@@ -3,6 +3,7 @@
 //! `topology` computes and is pure; the accesses are here. The phase controller itself is in `cycle`, which it is part
 //! of. It calls `line` and `requests`, and must not know of drives but their setting here.
 
+mod reference;
 pub(super) mod topology;
 
 use std::{cell::Cell, rc::Rc, time::Duration};
@@ -174,6 +175,8 @@ pub(super) struct Clocks {
     widths: Vec<Option<Width>>,
     /// Nanoseconds that a frame takes from the reference to each clock, by the same places.
     delays: Vec<Option<u32>>,
+    /// What is added to the reference's local time: 0 until its device begins anew.
+    offset: Cell<u64>,
     /// A time of the reference clock, and when that was: later ones are extended to 64 bits with it.
     known: Cell<(u64, Duration)>,
     /// How the first distributions have ended.
@@ -233,10 +236,10 @@ impl Clocks {
         station: u16,
         width: Width,
     ) -> Result<Option<(u64, u64)>, RegisterError> {
-        // Of the reference, which has no offset.
         let reference = async || -> Result<u32, RegisterError> {
             let low = registers.read(self.distribution.station, esc::RECEIVE_TIME_UNIT);
-            low.await.map(u32::from_le_bytes)
+            let local = low.await.map(u32::from_le_bytes)?;
+            Ok(local.wrapping_add(self.offset.get() as u32))
         };
         for _ in 0..LATCHES {
             registers.broadcast(esc::RECEIVE_TIMES, &[0; 4]).await?;
@@ -258,10 +261,15 @@ impl Clocks {
 
     async fn distribute(&self, registers: &Registers) -> Result<(), RegisterError> {
         let (before, _) = self.now(registers).await?;
+        let mut zeros = 0;
         for _ in 0..DISTRIBUTIONS {
-            registers
-                .distribute(self.distribution.station, esc::SYSTEM_TIME)
-                .await?;
+            let station = self.distribution.station;
+            let time = registers.distribute(station, esc::SYSTEM_TIME).await?;
+            zeros = if time == [0; 4] { zeros + 1 } else { 0 };
+            if zeros > 1 {
+                // No clock shows that twice. The reference is without power now, and the others must not learn from zeros.
+                return Err(RegisterError::NotAnswered);
+            }
         }
         let (after, _) = self.now(registers).await?;
         self.stands.set(before as u32 == after as u32);
@@ -335,6 +343,7 @@ pub(super) async fn measure(
         reference: first.id.clone(),
         widths,
         delays,
+        offset: Cell::new(0),
         known: Cell::new((clock.local, registers.time().now())),
         taught: Cell::new(None),
         stands: Cell::new(false),

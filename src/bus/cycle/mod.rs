@@ -37,7 +37,7 @@ use crate::{
 use self::{
     black_box::{CycleRing, RecordedAxis, RecordedCycle, RingWriter},
     frame::{Frame, InputMarker, MailboxStates, Member, Packed, Part, Tag, Watched, pack},
-    reference_clock::{Distribution, Phase},
+    reference_clock::{Distribution, Phase, Slot},
     statistics::Counters,
 };
 
@@ -218,6 +218,31 @@ impl Cycle {
         Some((clock.time(), self.sent_at))
     }
 
+    /// From the next cycle on all clocks get the time of the cycles, and what the reference shows is not looked at. Whether it was otherwise.
+    pub fn lead_clocks(&mut self) -> bool {
+        let slot = self.exchange.clock().filter(|slot| !slot.leads());
+        slot.map(Slot::lead).is_some()
+    }
+
+    /// From the next cycle on all clocks get the reference's time, and the cycles follow that too; never after a jump.
+    pub fn follow_reference(&mut self) {
+        if self.may_follow()
+            && let Some(slot) = self.exchange.clock()
+        {
+            slot.follow();
+        }
+    }
+
+    /// Whether all clocks get the time of the cycles until the reference's is set.
+    pub fn awaits_reference(&mut self) -> bool {
+        self.may_follow() && self.exchange.clock().is_some_and(|slot| slot.leads())
+    }
+
+    fn may_follow(&self) -> bool {
+        let clock = self.clock.as_ref();
+        clock.is_some_and(|clock| clock.reference() != ReferenceClock::Jumped)
+    }
+
     fn end(&mut self, now: Duration, counters: &Counters) {
         let events = self.exchange.judge(counters);
         self.all_back = false;
@@ -243,7 +268,7 @@ impl Cycle {
                 None => counters.clock.hold(clock.is_locked(), clock.reference()),
             }
             if clock.reference() == ReferenceClock::Jumped {
-                self.exchange.lead_clocks();
+                self.lead_clocks();
             }
         }
         self.stepper.after_receive(now, &mut self.exchange.drives);
@@ -369,11 +394,9 @@ impl Exchange {
         }
     }
 
-    /// From now on all clocks get the time of the cycles.
-    pub fn lead_clocks(&mut self) {
-        if let (Some(slot), Some(first)) = (&self.packed.clock, self.packed.frames.first_mut()) {
-            slot.lead(&mut first.request);
-        }
+    /// The datagram by which all clocks get their time.
+    pub const fn clock(&mut self) -> Option<&mut Slot> {
+        self.packed.clock.as_mut()
     }
 
     /// How long the frames of a cycle take at one place of the cable.

@@ -229,7 +229,7 @@ fn nanoseconds(duration: Duration) -> i64 {
 }
 
 // The datagram that reads the reference clock's time and gives it to all others: FRMW of register 0910h, the low half, which
-// is what the clocks compare (ESC data sheet, section I, 9.1.5).
+// is what the clocks compare (ESC data sheet, section I, 9.1.5). While the cycles lead it is a BWR of the cycles' own time.
 
 const BYTES: usize = 4;
 /// What the datagram takes of the first frame.
@@ -251,6 +251,9 @@ const ECHOES: u32 = 4;
 #[derive(Debug, Clone)]
 pub(in crate::bus) struct Slot {
     data: Range<usize>,
+    distribution: Distribution,
+    /// Whether all clocks get the time that is put in, the reference among them.
+    leads: bool,
     ripple: u32,
     sent: u32,
     /// How often in a row came back what was sent.
@@ -264,6 +267,8 @@ impl Slot {
         let [r0, r1] = esc::SYSTEM_TIME.to_le_bytes();
         Self {
             data: composer.push(command::FRMW, [s0, s1, r0, r1], BYTES),
+            distribution,
+            leads: false,
             ripple: 0,
             sent: 0,
             echoes: ECHOES,
@@ -278,11 +283,26 @@ impl Slot {
         if let Some(data) = request.get_mut(self.data.clone()) {
             data.copy_from_slice(&self.sent.to_le_bytes());
         }
+        // Here and not when that changes: a frame that is on its way is compared with what was sent.
+        let start = self.data.start.checked_sub(DATAGRAM_HEADER);
+        let header = start.and_then(|start| request.get_mut(start..self.data.start));
+        if let Some([command, _, s0, s1, ..]) = header {
+            let (sent_as, station) = if self.leads {
+                (command::BWR, 0)
+            } else {
+                (command::FRMW, self.distribution.station)
+            };
+            *command = sent_as;
+            [*s0, *s1] = station.to_le_bytes();
+        }
     }
 
     /// The time that the reference clock put into the frame that came back, if it did. The working counter does not show it: a
     /// SubDevice that was switched off and on has lost its station address, and takes the time like all others.
     pub fn read(&mut self, answer: Option<&[u8]>) -> Option<u32> {
+        if self.leads {
+            return None;
+        }
         let data = answer.and_then(|answer| answer.get(self.data.clone()));
         let time = data.and_then(|data| Some(u32::from_le_bytes(data.try_into().ok()?)));
         self.echoes = match time {
@@ -294,13 +314,20 @@ impl Slot {
         time.filter(|_| self.echoes < ECHOES)
     }
 
-    /// From now on all clocks get the time that is put in, the reference among them (BWR).
-    pub fn lead(&self, request: &mut [u8]) {
-        let start = self.data.start.checked_sub(DATAGRAM_HEADER);
-        let datagram = start.and_then(|start| request.get_mut(start..self.data.start));
-        if let Some([command, _, s0, s1, ..]) = datagram {
-            (*command, *s0, *s1) = (command::BWR, 0, 0);
-        }
+    /// From the next frame on all clocks get the time that is put in, the reference among them (BWR).
+    pub const fn lead(&mut self) {
+        self.leads = true;
+        self.echoes = ECHOES;
+    }
+
+    /// From the next frame on all clocks get the reference's time.
+    pub const fn follow(&mut self) {
+        self.leads = false;
+    }
+
+    /// Whether all clocks get the time that is put in.
+    pub const fn leads(&self) -> bool {
+        self.leads
     }
 }
 
@@ -584,9 +611,29 @@ mod distribution_tests {
         let datagram = [14, 0, 0x01, 0x10, 0x10, 0x09, 4, 0, 0, 0, 9, 2, 3, 4, 0, 0];
         assert_eq!(frame[BEHIND_TAG..], datagram);
         // BWR is command 8; the first SubDevice's position is 0.
-        slot.lead(&mut frame);
+        slot.lead();
+        slot.fill(&mut frame, 0x0403_0201);
         assert_eq!(frame[BEHIND_TAG..BEHIND_TAG + 6], [8, 0, 0, 0, 0x10, 0x09]);
         assert_eq!(slot.read(Some(&frame[..BEHIND_TAG + 13])), None);
+        slot.follow();
+        slot.fill(&mut frame, 0x0403_0201);
+        assert_eq!(frame[BEHIND_TAG..], datagram);
+    }
+
+    #[test]
+    fn what_a_clock_shows_is_no_time_of_the_reference_before_it_is_followed_again() {
+        let (mut slot, mut frame) = slot();
+        slot.fill(&mut frame, 1_000);
+        // That frame is on its way.
+        slot.lead();
+        frame[BEHIND_TAG + 10] ^= 1;
+        assert_eq!(slot.read(Some(&frame)), None);
+        slot.fill(&mut frame, 2_000);
+        slot.follow();
+        assert_eq!(slot.read(Some(&frame)), None, "what was sent comes back");
+        slot.fill(&mut frame, 3_000);
+        frame[BEHIND_TAG + 10] ^= 1;
+        assert!(slot.read(Some(&frame)).is_some());
     }
 
     #[test]

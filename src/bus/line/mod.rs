@@ -41,17 +41,17 @@ const MOST_RESETS: usize = 50;
 
 /// What every SubDevice is set back to in INIT: register, and how many zeros. In pieces of one FMMU or sync manager, since
 /// some ESCs have less of them and refuse a write beyond. Besides: event mask, EEPROM to the master, and of the distributed
-/// clock the cyclic unit, system time offset, delay, start and cycle times.
-const ZEROS: [(u16, usize); 8] = [
+/// clock the cyclic unit, start and cycle times.
+const ZEROS: [(u16, usize); 6] = [
     (esc::EVENT_MASK, 2),
     (esc::EEPROM_CONFIGURATION, 1),
     (esc::SYNC_ACTIVATION, 1),
-    (esc::SYSTEM_TIME_OFFSET, 8),
-    (esc::SYSTEM_TIME_DELAY, 4),
     (esc::SYNC0_START, 8),
     (esc::SYNC0_CYCLE, 4),
     (esc::SYNC1_CYCLE, 4),
 ];
+/// And its system time, where no line runs: others may follow it.
+const TIME_ZEROS: [(u16, usize); 2] = [(esc::SYSTEM_TIME_OFFSET, 8), (esc::SYSTEM_TIME_DELAY, 4)];
 /// Of each, an ESC has at most 16.
 const MOST: u16 = 16;
 
@@ -321,7 +321,7 @@ async fn reset(context: &Context) -> Result<(), NetworkError> {
             .await
             .map_err(NetworkError::Line)?;
     }
-    let zeros = zeros().map(|(register, zeros)| {
+    let zeros = zeros().chain(TIME_ZEROS).map(|(register, zeros)| {
         let registers = registers.clone();
         async move {
             let bytes = [0; 16];
@@ -332,7 +332,7 @@ async fn reset(context: &Context) -> Result<(), NetworkError> {
     all(context, zeros).await
 }
 
-/// Sets one SubDevice back into INIT, with nothing configured.
+/// Sets one SubDevice back into INIT, with nothing configured. Its clock goes on, which may be the reference of a line that runs.
 pub(in crate::bus) async fn set_back(registers: &Registers, station: u16) -> Result<(), AlError> {
     registers
         .write(station, esc::AL_CONTROL, &registers::RESET)
@@ -350,7 +350,7 @@ pub(in crate::bus) async fn set_back(registers: &Registers, station: u16) -> Res
     Ok(())
 }
 
-/// All registers that are set back, each with its length.
+/// The registers that are set back, each with its length.
 fn zeros() -> impl Iterator<Item = (u16, usize)> {
     let fmmus = (0..MOST).map(|fmmu| (esc::FMMU + 16 * fmmu, 16));
     let managers = (0..MOST).map(|manager| (esc::SYNC_MANAGER + 8 * manager, 8));
@@ -508,6 +508,21 @@ async fn find_once(
     Ok(Some(chosen.map(|at| {
         to_position(seen.iter().take(at).filter(lasting).count())
     })))
+}
+
+/// Where the device with this address is now, where those that come and go are not counted.
+pub(in crate::bus) async fn place_of(
+    registers: &Registers,
+    line: &KnownLine,
+    station: u16,
+) -> Result<Option<u16>, RegisterError> {
+    let stations = stations_on_the_line(registers).await?;
+    let is_optional = |station: &u16| {
+        place_at_start(*station, line.addresses()).is_some_and(|place| line.is_optional(place))
+    };
+    let mut lasting = stations.iter().filter(|station| !is_optional(station));
+    let place = lasting.position(|seen| *seen == station);
+    Ok(place.map(to_position))
 }
 
 /// Looks at the line once, and lets `named` say which devices get which addresses. What it says; none where the line has changed

@@ -40,7 +40,7 @@ pub(in crate::bus) struct Ready {
     /// Of each optional group its first drive, and the places of all.
     pub groups: Vec<(DriveId, Range<usize>)>,
     /// The distributed clocks, where a drive uses its.
-    clocks: Option<Rc<Clocks>>,
+    pub clocks: Option<Rc<Clocks>>,
 }
 
 impl Ready {

@@ -9,6 +9,7 @@ pub(super) mod bring_up;
 pub(super) mod builder;
 pub(super) mod hot_connect;
 pub(super) mod recovery;
+mod reference;
 pub(super) mod scan;
 pub(super) mod supervisor;
 pub(super) mod view;
@@ -343,6 +344,9 @@ impl Network {
     /// devices can be brought back at the same time; of one device, one call comes after the other. When the future is dropped
     /// the attempt ends, and the device stays out of OP.
     ///
+    /// Where the reference of the distributed clocks was without power, its clock is set to the time of the cycles by this, before the
+    /// device follows it: the device may be the reference, or one that follows it. The others keep their cycles and their SYNC0.
+    ///
     /// ```no_run
     /// # async fn example(net: servocrab::Network) -> Result<(), Box<dyn std::error::Error>> {
     /// use servocrab::bus::NetworkEvent;
@@ -360,10 +364,11 @@ impl Network {
     ///
     /// # Errors
     /// - [`NetworkError::Drive`]: a step failed, which it names. Or the drive follows a distributed clock and others in front of it are
-    ///   missing ([`DriveFault::ClockOfRunningLine`](crate::bus::DriveFault::ClockOfRunningLine)). Or it is the reference clock and was
-    ///   without power ([`DriveFault::ReferenceOfRunningLine`](crate::bus::DriveFault::ReferenceOfRunningLine)).
+    ///   missing ([`DriveFault::ClockOfRunningLine`](crate::bus::DriveFault::ClockOfRunningLine)). Or an enabled axis would have to bear a
+    ///   step of its clock, whose drive this names ([`DriveFault::ClockStep`](crate::bus::DriveFault::ClockStep)): disable it, then call again.
     /// - [`NetworkError::NotLocked`]: it follows a distributed clock and the reference is silent, has jumped, or is out of step.
-    /// - [`NetworkError::WrongLine`]: it is not in the line any more, or another device is in its place.
+    /// - [`NetworkError::WrongLine`]: it is not in the line any more, or another device is in its place. Or the reference clock that it follows
+    ///   is not.
     /// - [`NetworkError::Declaration`]: no drive and no device with inputs and outputs was declared there.
     /// - [`NetworkError::Thread`]: the network has ended.
     ///

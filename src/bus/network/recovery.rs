@@ -21,7 +21,7 @@ use super::{axes::Axes, bring_up::EXCHANGE_LIMIT};
 use crate::{
     axis::{CoreConfig, Reattach},
     bus::{
-        clocks,
+        clocks::{self, Clocks},
         cycle::{Answer, Cycle, DriveData, SeenState},
         device::{
             Device, SAFE_OP_LIMIT,
@@ -39,7 +39,6 @@ use crate::{
         watch::{Control, data_of, note_state},
     },
     coe::DriveId,
-    esc,
 };
 
 /// Brings devices of the exchange back into OP.
@@ -51,6 +50,8 @@ pub(in crate::bus) struct Recovery {
     pub ports: Rc<RefCell<Ports>>,
     /// All devices of the line, as they were numbered at the start.
     pub line: KnownLine,
+    /// Its clocks, where they are used.
+    pub clocks: Option<Rc<Clocks>>,
     /// In the order of the exchange.
     pub devices: Vec<Member>,
     /// Held by whoever looks for a device.
@@ -123,6 +124,9 @@ impl Recovery {
             AlState::Op if from.error.is_none() && !half_way => {
                 let is_served = self.until(|this| this.is_served(place));
                 is_served.await.of(&device.found.id)?;
+                if member.is_reference {
+                    self.join_clocks(member, device).await?;
+                }
                 // An attempt before may have failed while it was cut off.
                 self.ports.borrow_mut().release(place);
                 self.axes.borrow_mut().recall_homing(place);
@@ -152,16 +156,14 @@ impl Recovery {
         device: &Device,
     ) -> Result<u16, NetworkError> {
         let at_start = &device.found.id;
-        let clock = |error| Err(error).at(BringUpStep::Clock).of(at_start);
-        // By its address the time is read that all others get.
-        if member.is_reference {
-            return clock(DriveFault::ReferenceOfRunningLine);
-        }
         self.cut_off(place);
         let _searching = self.search.lock().await;
-        let position = line::find_again(&self.context.registers, &self.line, at_start).await?;
-        if device.clocks().is_some() && position != at_start.position {
-            return clock(DriveFault::ClockOfRunningLine);
+        let position = self.address(at_start).await?;
+        let has_clock = member.is_reference || device.clocks().is_some();
+        if has_clock && position != at_start.position {
+            return Err(DriveFault::ClockOfRunningLine)
+                .at(BringUpStep::Clock)
+                .of(at_start);
         }
         Ok(position)
     }
@@ -315,6 +317,7 @@ impl Recovery {
         again: fn(Box<CoreConfig>) -> Reattach,
     ) -> Result<(), NetworkError> {
         let id = &device.found.id;
+        self.join_clocks(member, device).await?;
         if device.clocks().is_some() {
             let drives = iter::once(&device.found);
             clocks::wait_for_lock(&self.context, drives, self.period).await?;
@@ -465,7 +468,7 @@ pub(in crate::bus) struct Member {
     /// Whether all other clocks follow its own.
     is_reference: bool,
     /// How it is set up. Held by whoever brings it back.
-    device: Mutex<Device>,
+    pub device: Mutex<Device>,
     /// How far it is.
     phase: Cell<ReturnPhase>,
 }
@@ -495,8 +498,19 @@ pub(in crate::bus) fn members(devices: Vec<Device>, reference: Option<&DriveId>)
 // The distributed clock of a device that has begun anew in a line whose clocks run.
 
 impl Recovery {
+    /// Sees to it that the reference gives its time, where the device follows that or is it.
+    async fn join_clocks(&self, member: &Member, device: &Device) -> Result<(), NetworkError> {
+        match &self.clocks {
+            Some(clocks) if member.is_reference || device.clocks().is_some() => {
+                self.join_reference(clocks).await
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// By the reference clock that all others follow, if it follows that too.
     async fn set_clock(&self, member: &Member, device: &Device) -> Result<(), NetworkError> {
+        self.join_clocks(member, device).await?;
         let Some(clocks) = device.clocks() else {
             return Ok(());
         };
@@ -508,7 +522,7 @@ impl Recovery {
         if let Some((time, at)) = known {
             clocks.remember(time, at);
         }
-        // Its own was not set.
+        // By its own no other can be measured.
         if member.is_reference {
             return Ok(());
         }
@@ -516,10 +530,10 @@ impl Recovery {
         let _latching = self.search.lock().await;
         // However it was found again: elsewhere in the line a frame takes another time to it than the clocks know.
         let registers = &self.context.registers;
-        let address = registers.read_at(id.position, esc::STATION_ADDRESS).await;
-        let fault = match address.map(u16::from_le_bytes) {
-            Ok(address) if address == *station => None,
-            Ok(_) | Err(RegisterError::NotAnswered) => Some(DriveFault::ClockOfRunningLine),
+        let here = line::place_of(registers, &self.line, *station).await;
+        let fault = match here {
+            Ok(here) if here == Some(id.position) => None,
+            Ok(_) => Some(DriveFault::ClockOfRunningLine),
             Err(error) => Some(DriveFault::Register(error)),
         };
         if let Some(fault) = fault {

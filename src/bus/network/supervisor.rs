@@ -215,7 +215,7 @@ async fn start(
         line,
         lasting,
         groups: of_groups,
-        ..
+        clocks,
     } = ready;
     let found = devices.iter().take(lasting);
     let found: Vec<_> = found.map(|device| device.found.clone()).collect();
@@ -230,6 +230,7 @@ async fn start(
         axes: Rc::clone(&axes),
         ports: Rc::clone(&ports),
         line,
+        clocks,
         devices: recovery::members(devices, reference.as_deref()),
         search: Mutex::new(()),
     });

@@ -141,14 +141,19 @@ impl Registers {
         .await
     }
 
-    /// Has one SubDevice's register read and given to all others (FRMW), four bytes of it.
-    pub async fn distribute(&self, station: u16, register: u16) -> Result<(), RegisterError> {
+    /// Has one SubDevice's register read and given to all others (FRMW), four bytes of it: these, or the zeros that were sent, where no
+    /// SubDevice has this station address.
+    pub async fn distribute(&self, station: u16, register: u16) -> Result<[u8; 4], RegisterError> {
         self.ask(|| async move {
-            Command::frmw(station, register)
+            let answer = Command::frmw(station, register)
                 .ignore_wkc()
                 .receive_slice(self.main, 4)
-                .await
-                .map(|_| ())
+                .await?;
+            let mut read = [0; 4];
+            for (to, from) in read.iter_mut().zip(answer.iter()) {
+                *to = *from;
+            }
+            Ok(read)
         })
         .await
     }

@@ -8,8 +8,8 @@ use std::{
 };
 
 use servocrab::{
-    Axis, AxisConfig, DriveConfig, Failure, Network, Outcome, Referencing, SetPoint,
-    bus::{AlState as State, AlStatus, DistributedClock, Recovered, ReferenceClock},
+    Axis, AxisConfig, DriveConfig, Failure, Network, Referencing, SetPoint,
+    bus::{AlState as State, AlStatus, Recovered},
     coe::{ObjectAddress, obj},
     drives,
     parameters::{StartUpWrite, Transition},
@@ -305,50 +305,6 @@ fn a_request_without_a_limit_holds_up_no_recovery_whenever_it_is_made() {
         // It has its answer, or has failed.
         let _ = rig.until(read);
     }
-}
-
-#[test]
-fn a_reference_that_has_begun_anew_is_not_made_the_clock_of_a_line_that_runs() {
-    let mut segment = Segment::new()
-        .with(personality::sigma7())
-        .with(personality::sigma7());
-    segment
-        .device_mut(0)
-        .unwrap()
-        .set_clock(90_000_000_000, 0.0);
-    let line = Line::new(segment);
-    let follower = unhomed(drives::sigma7(), &["z"]).dc(DistributedClock::new(0x0300));
-    let builder = Network::builder()
-        .link(line.wire())
-        .drive(0, unhomed(drives::sigma7(), &["r"]))
-        .drive(1, follower);
-    let mut rig = Rig::start(builder).unwrap();
-    let z = rig.net().axis("z").unwrap();
-    let motion = rig.until(async {
-        z.enable().await.unwrap();
-        let mode = z.profile_position().await.unwrap();
-        mode.move_abs(20_000, set_point()).await.unwrap()
-    });
-    let now = rig.bus.now();
-    {
-        let mut segment = line.segment();
-        let reference = segment.device_mut(0).unwrap();
-        reference.power_off();
-        reference.power_on(now);
-        reference.set_clock(0, 0.0);
-    }
-    rig.run_for(200 * MS);
-    let net = rig.net.take().unwrap();
-    let recovered = rig.until(net.recover(0));
-    rig.net = Some(net);
-    let outcome = rig.until(motion.done()).unwrap();
-    // It settles to that within its window.
-    assert!(matches!(outcome, Outcome::Reached { position } if position.abs_diff(20_000) <= 7));
-    let clock = rig.net().statistics().clock.unwrap();
-    assert_eq!(clock.reference, ReferenceClock::Silent);
-    let error = recovered.unwrap_err().to_string();
-    assert!(error.contains("the reference of the others"), "{error}");
-    rig.shutdown();
 }
 
 /// As 0 they would leave the axis no range. Moves are checked against what the drive holds.
