@@ -116,7 +116,7 @@ impl ParameterSet {
                 .filter(|object| Some(*object) != unconfirmed)
                 .collect(),
         };
-        self.check(sdo)
+        self.check(sdo.drive().identity)
             .map_err(|fault| error(fault, &done, 0, None))?;
         let guard = Guard::of(sdo)
             .await
@@ -176,9 +176,8 @@ impl ParameterSet {
         Ok(done)
     }
 
-    /// What can be seen to be wrong before anything is sent.
-    fn check(&self, sdo: &SdoHandle) -> Result<(), RestoreFault> {
-        let got = sdo.drive().identity;
+    /// What can be seen to be wrong for a drive that is this before anything is sent.
+    pub(crate) fn check(&self, got: Identity) -> Result<(), RestoreFault> {
         if let Some(expected) = self.identity
             && (expected.vendor, expected.product) != (got.vendor, got.product)
         {

@@ -82,6 +82,26 @@ impl Found {
         Ok(())
     }
 
+    /// The device that stands in its place now, in INIT, by its station address.
+    pub async fn successor(&self, registers: &Registers) -> Result<Self, StepError> {
+        let step = BringUpStep::Sii;
+        eeprom::take_over(registers, self.station).await.at(step)?;
+        let mut bytes = SiiBytes::new();
+        let (sii, name) = eeprom::read(registers, self.station, &mut bytes)
+            .await
+            .at(step)?;
+        Ok(Self {
+            station: self.station,
+            id: DriveId {
+                position: self.id.position,
+                name,
+                identity: sii.identity,
+            },
+            sii: Rc::new(sii),
+            bytes,
+        })
+    }
+
     /// From INIT to PREOP: the device gets its EEPROM, and the sync managers of its mailbox.
     pub async fn enter_pre_op(&self, registers: &Registers) -> Result<(), StepError> {
         let step = BringUpStep::State(AlState::PreOp);
@@ -336,15 +356,17 @@ enum FoundAs {
     Nameless { identity: Identity, runs: bool },
 }
 
-/// Gives the device that had this place at the start its station address again; tells where it is now.
+/// Gives the device that had this place at the start its station address again; tells where it is now. Where a serial number is accepted,
+/// that is the one of its kind that has this number.
 pub(super) async fn find_again(
     registers: &Registers,
     line: &[DriveId],
     wanted: &DriveId,
+    accepted: Option<u32>,
 ) -> Result<u16, NetworkError> {
     let mut last = RegisterError::NotAnswered;
     for _ in 0..TRIES {
-        match look(registers, line, wanted).await {
+        match look(registers, line, wanted, accepted).await {
             Ok(Some(verdict)) => return verdict,
             Ok(None) => {}
             // What was begun is brought to its end.
@@ -364,6 +386,7 @@ async fn look(
     registers: &Registers,
     line: &[DriveId],
     wanted: &DriveId,
+    accepted: Option<u32>,
 ) -> Result<Option<Result<u16, NetworkError>>, RegisterError> {
     let Some(stations) = give_provisional(registers, line.len()).await? else {
         return Ok(None);
@@ -375,12 +398,19 @@ async fn look(
     if stations_on_the_line(registers).await? != stations {
         return Ok(None);
     }
-    let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
+    let mut expected: Vec<_> = line.iter().map(|device| device.identity).collect();
     let own = station_of(wanted.position.into());
+    let wanted = match accepted {
+        Some(serial) => &in_place_of(wanted, serial, &seen),
+        None => wanted,
+    };
+    if let Some(identity) = expected.get_mut(usize::from(wanted.position)) {
+        *identity = wanted.identity;
+    }
     // It has its address again where only the answer to that was lost.
     let chosen = match (0..).zip(&stations).find(|(_, station)| **station == own) {
         Some((position, _)) => Ok(position),
-        None => choose(line, wanted, &seen),
+        None => choose(&expected, wanted, &seen),
     };
     let mut last = None;
     for (position, (station, seen_as)) in (0..).zip(stations.iter().zip(&seen)) {
@@ -498,12 +528,36 @@ async fn identify(
     Ok(Some(seen))
 }
 
+/// Who is wanted in place of a device: one of its kind with this serial number. Of which revision, the device that is there says; whoever
+/// accepts it judges that.
+fn in_place_of(device: &DriveId, serial: u32, seen: &[FoundAs]) -> DriveId {
+    let wanted = Identity {
+        serial,
+        ..device.identity
+    };
+    let is_wanted = |identity: &Identity| {
+        let revision = wanted.revision;
+        Identity { revision, ..*identity } == wanted
+    };
+    let there = seen.iter().find_map(|seen| match seen {
+        FoundAs::Nameless { identity, .. } if is_wanted(identity) => Some(*identity),
+        _ => None,
+    });
+    DriveId {
+        identity: there.unwrap_or(wanted),
+        ..device.clone()
+    }
+}
+
 /// Which of the devices that are there is the wanted one.
-fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, NetworkError> {
-    let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
+fn choose(
+    expected: &[Identity],
+    wanted: &DriveId,
+    seen: &[FoundAs],
+) -> Result<u16, NetworkError> {
     let declared = DevicePlace::Position(wanted.position);
     let place = usize::from(wanted.position);
-    let candidates = candidates(&expected, place, seen);
+    let candidates = candidates(expected, place, seen);
     let verdict = match candidates.as_slice() {
         &[(only, false)] => return Ok(to_position(only)),
         [] => {

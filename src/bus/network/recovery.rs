@@ -16,6 +16,7 @@ use smol::{channel::Sender, future::or, lock::Mutex};
 use super::{
     axes::Axes,
     bring_up::{EXCHANGE_LIMIT, Ready},
+    replacement,
 };
 use crate::{
     axis::{CoreConfig, Reattach},
@@ -35,10 +36,12 @@ use crate::{
         line::{self, Found},
         log::LogRecord,
         requests::{Context, eeprom, registers},
-        watch::{Control, data_of, note_state},
+        watch::{Control, Replacement, data_of, note_state},
     },
     coe::DriveId,
     esc,
+    parameters::ParameterSet,
+    sii::SiiImage,
 };
 
 /// Brings devices of the exchange back into OP.
@@ -48,8 +51,8 @@ pub(in crate::bus) struct Recovery {
     pub period: Duration,
     pub axes: Rc<RefCell<Axes>>,
     pub ports: Rc<RefCell<Ports>>,
-    /// All devices of the line, as they were found at the start.
-    pub line: Vec<DriveId>,
+    /// All devices of the line, as they were found at the start, or replaced since.
+    pub line: RefCell<Vec<DriveId>>,
     /// In the order of the exchange.
     pub devices: Vec<Member>,
     /// Held by whoever looks for a device.
@@ -57,10 +60,11 @@ pub(in crate::bus) struct Recovery {
 }
 
 impl Recovery {
-    /// Brings one back, unless whoever asked for it goes away.
+    /// Brings one back, or what was put there in place of it, unless whoever asked for it goes away.
     pub async fn serve(
         &self,
         place: usize,
+        replacement: Option<Replacement>,
         steps: Sender<StepDone>,
         reply: &Sender<Result<Recovered, NetworkError>>,
     ) {
@@ -68,9 +72,17 @@ impl Recovery {
             return;
         };
         let mut device = member.device.lock().await;
-        let recovery = async { Some(self.recover(place, member, &mut device, steps).await) };
+        let recovery = async {
+            Some(match &replacement {
+                Some(by) => self.replace(place, member, &mut device, by, steps).await,
+                None => self.recover(place, member, &mut device, steps).await,
+            })
+        };
         let given_up = async {
             reply.closed().await;
+            while member.is_being_written() {
+                self.context.time.sleep(self.period).await;
+            }
             None
         };
         let result = or(given_up, recovery).await;
@@ -91,24 +103,18 @@ impl Recovery {
         }
     }
 
-    async fn recover(
+    pub(super) async fn recover(
         &self,
         place: usize,
         member: &Member,
         device: &mut Device,
         steps: Sender<StepDone>,
     ) -> Result<Recovered, NetworkError> {
-        let station = device.found.station;
-        let mut seen = registers::status(&self.context.registers, station).await;
-        if seen == Err(RegisterError::NotAnswered) {
-            // What follows ends what a device does that runs: one frame is no proof.
-            seen = registers::status(&self.context.registers, station).await;
-        }
-        let from = match seen {
+        let from = match self.status(device.found.station).await {
             Ok(status) => status,
             Err(RegisterError::NotAnswered) => {
-                let position = self.find(place, member, device).await?;
-                self.bring_up(place, member, device, steps).await?;
+                let position = self.find(place, member, device, None).await?;
+                self.bring_up(place, member, device, None, steps).await?;
                 let from = None;
                 return Ok(Recovered::BroughtUp { position, from });
             }
@@ -134,7 +140,7 @@ impl Recovery {
                 Ok(Recovered::FromSafeOp { from })
             }
             _ => {
-                self.bring_up(place, member, device, steps).await?;
+                self.bring_up(place, member, device, None, steps).await?;
                 Ok(Recovered::BroughtUp {
                     position: device.found.id.position,
                     from: Some(from),
@@ -143,12 +149,24 @@ impl Recovery {
         }
     }
 
-    /// Gives it its station address again, wherever it is in the line now.
-    async fn find(
+    /// The AL status of whoever has this station address.
+    pub(super) async fn status(&self, station: u16) -> Result<AlStatus, RegisterError> {
+        match registers::status(&self.context.registers, station).await {
+            // What follows ends what a device does that runs: one frame is no proof.
+            Err(RegisterError::NotAnswered) => {
+                registers::status(&self.context.registers, station).await
+            }
+            seen => seen,
+        }
+    }
+
+    /// Gives it its station address again, wherever it is in the line now: it, or what is accepted in place of it.
+    pub(super) async fn find(
         &self,
         place: usize,
         member: &Member,
         device: &Device,
+        accepted: Option<u32>,
     ) -> Result<u16, NetworkError> {
         let at_start = &device.found.id;
         let clock = |error| Err(error).at(BringUpStep::Clock).of(at_start);
@@ -158,19 +176,22 @@ impl Recovery {
         }
         self.cut_off(place);
         let _searching = self.search.lock().await;
-        let position = line::find_again(&self.context.registers, &self.line, at_start).await?;
+        let line = self.line.borrow().clone();
+        let registers = &self.context.registers;
+        let position = line::find_again(registers, &line, at_start, accepted).await?;
         if device.clocks().is_some() && position != at_start.position {
             return clock(DriveFault::ClockOfRunningLine);
         }
         Ok(position)
     }
 
-    /// As at the start, from INIT.
-    async fn bring_up(
+    /// As at the start, from INIT. Parameters of a backup are its own before anything else is written to it.
+    pub(super) async fn bring_up(
         &self,
         place: usize,
         member: &Member,
         device: &mut Device,
+        backup: Option<&ParameterSet>,
         steps: Sender<StepDone>,
     ) -> Result<(), NetworkError> {
         member.phase.set(ReturnPhase::Anew);
@@ -181,9 +202,13 @@ impl Recovery {
         // It stays as it was at the start if this fails.
         let mut anew = device.clone();
         anew.progress = Rc::new(match device.as_drive() {
+            Some(_) if backup.is_some() => Progress::of_a_replacement(&self.context, steps),
             Some(_) => Progress::new(&self.context, steps, 1, 0),
             None => Progress::new(&self.context, steps, 0, 1),
         });
+        if let Some(backup) = backup {
+            replacement::restore(&anew, backup).await.of(&anew.found.id)?;
+        }
         self.set_up(place, member, device, &mut anew).await?;
         *device = anew;
         Ok(())
@@ -312,7 +337,7 @@ impl Recovery {
     }
 
     /// From now on what goes out to the device does nothing.
-    fn reattach(&self, place: usize, again: impl FnMut(usize) -> Reattach) {
+    pub(super) fn reattach(&self, place: usize, again: impl FnMut(usize) -> Reattach) {
         let now = self.context.time.now();
         self.ports.borrow_mut().hold(place);
         let mut cycle = self.context.cycle.borrow_mut();
@@ -367,7 +392,7 @@ impl Recovery {
     }
 
     /// From now on nothing of the device is taken, and what goes out to it does nothing.
-    fn cut_off(&self, place: usize) {
+    pub(super) fn cut_off(&self, place: usize) {
         self.reattach(place, |_| Reattach::Unknown);
         if let Some(cycle) = self.context.cycle.borrow_mut().as_mut() {
             cycle.exchange.drives.take_away(place);
@@ -426,18 +451,20 @@ fn same_process_data(before: &Device, now: &Device) -> Result<(), StepError> {
 /// A device of the exchange.
 pub(in crate::bus) struct Member {
     /// Who it is, for notes.
-    id: Arc<DriveId>,
+    pub(super) id: Arc<DriveId>,
     /// Whether all other clocks follow its own.
     is_reference: bool,
     /// How it is set up. Held by whoever brings it back.
     device: Mutex<Device>,
     /// How far it is.
-    phase: Cell<ReturnPhase>,
+    pub(super) phase: Cell<ReturnPhase>,
+    /// What is being written to the EEPROM of the drive that replaces it. Until all of it is there, the EEPROM holds no valid image.
+    pub(super) image: RefCell<Option<SiiImage>>,
 }
 
 /// How far a device is on its way back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum ReturnPhase {
+pub(super) enum ReturnPhase {
     /// Not on its way.
     None,
     /// Being led from SAFEOP into OP.
@@ -454,6 +481,7 @@ pub(in crate::bus) fn members(ready: Ready) -> Vec<Member> {
         is_reference: reference.as_ref() == Some(&device.found.id),
         device: Mutex::new(device),
         phase: Cell::new(ReturnPhase::None),
+        image: RefCell::new(None),
     });
     members.collect()
 }

@@ -206,7 +206,7 @@ async fn start(
         period,
         axes: Rc::clone(&axes),
         ports: Rc::clone(&ports),
-        line: ready.line.clone(),
+        line: RefCell::new(ready.line.clone()),
         devices: recovery::members(ready),
         search: Mutex::new(()),
     };
@@ -352,13 +352,19 @@ async fn answer(context: &Context, running: &Running, control: &Control) {
             Question::States(reply) => {
                 let (asked, recovery) = (context.clone(), Rc::clone(&running.recovery));
                 let reading = async move {
-                    let _ = reply.try_send(watch::read_states(&asked, &recovery.line).await);
+                    let line = recovery.line.borrow().clone();
+                    let _ = reply.try_send(watch::read_states(&asked, &line).await);
                 };
                 under_way.extend(context.spawn(reading));
             }
             Question::Recover(place, steps, reply) => {
                 let recovery = Rc::clone(&running.recovery);
-                let way_back = async move { recovery.serve(place, steps, &reply).await };
+                let way_back = async move { recovery.serve(place, None, steps, &reply).await };
+                under_way.extend(context.spawn(way_back));
+            }
+            Question::Replace(place, by, steps, reply) => {
+                let recovery = Rc::clone(&running.recovery);
+                let way_back = async move { recovery.serve(place, Some(by), steps, &reply).await };
                 under_way.extend(context.spawn(way_back));
             }
         }

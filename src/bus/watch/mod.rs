@@ -39,6 +39,7 @@ use crate::{
     coe::DriveId,
     ds402::{Controlword, State},
     esc,
+    parameters::ParameterSet,
     sync::Recent,
     units::AxisScale,
     wakes::{Waiters, Wakes},
@@ -66,6 +67,19 @@ pub(in crate::bus) enum Question {
         Sender<StepDone>,
         Sender<Result<Recovered, NetworkError>>,
     ),
+    /// The same with the drive that was put there in place of another one.
+    Replace(
+        usize,
+        Replacement,
+        Sender<StepDone>,
+        Sender<Result<Recovered, NetworkError>>,
+    ),
+}
+
+/// What a program accepts in place of a drive.
+pub(in crate::bus) struct Replacement {
+    pub serial: u32,
+    pub backup: ParameterSet,
 }
 
 #[derive(Debug)]
