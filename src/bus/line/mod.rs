@@ -537,7 +537,10 @@ fn in_place_of(device: &DriveId, serial: u32, seen: &[FoundAs]) -> DriveId {
     };
     let is_wanted = |identity: &Identity| {
         let revision = wanted.revision;
-        Identity { revision, ..*identity } == wanted
+        Identity {
+            revision,
+            ..*identity
+        } == wanted
     };
     let there = seen.iter().find_map(|seen| match seen {
         FoundAs::Nameless { identity, .. } if is_wanted(identity) => Some(*identity),
@@ -550,11 +553,7 @@ fn in_place_of(device: &DriveId, serial: u32, seen: &[FoundAs]) -> DriveId {
 }
 
 /// Which of the devices that are there is the wanted one.
-fn choose(
-    expected: &[Identity],
-    wanted: &DriveId,
-    seen: &[FoundAs],
-) -> Result<u16, NetworkError> {
+fn choose(expected: &[Identity], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, NetworkError> {
     let declared = DevicePlace::Position(wanted.position);
     let place = usize::from(wanted.position);
     let candidates = candidates(expected, place, seen);

@@ -207,7 +207,9 @@ impl Recovery {
             None => Progress::new(&self.context, steps, 0, 1),
         });
         if let Some(backup) = backup {
-            replacement::restore(&anew, backup).await.of(&anew.found.id)?;
+            replacement::restore(&anew, backup)
+                .await
+                .of(&anew.found.id)?;
         }
         self.set_up(place, member, device, &mut anew).await?;
         *device = anew;
