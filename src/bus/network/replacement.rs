@@ -96,6 +96,10 @@ impl Recovery {
         let given = eeprom::give_away(registers, *station).await;
         let present = present.of(id)?;
         given.at(BringUpStep::Sii).of(id)?;
+        let id = &DriveId {
+            identity: present.id.identity,
+            ..id.clone()
+        };
         accept(device, present, serial)?;
         member.phase.set(ReturnPhase::Anew);
         self.axes.borrow_mut().forget(place);
