@@ -76,10 +76,10 @@ enum Work {
 pub(crate) struct Consent {
     /// Show what would be written, and write nothing
     #[arg(long, conflicts_with = "yes")]
-    dry_run: bool,
+    pub(crate) dry_run: bool,
     /// Write without a question
     #[arg(long)]
-    yes: bool,
+    pub(crate) yes: bool,
 }
 
 /// Does it; false if file and drive differ, or a drive has refused something.
@@ -208,7 +208,7 @@ async fn memory(
 }
 
 /// The parameters of a file. One that has none would agree with every drive.
-fn loaded(file: &Path) -> Result<ParameterSet, Failure> {
+pub(crate) fn loaded(file: &Path) -> Result<ParameterSet, Failure> {
     let set = ParameterSet::load(file)?;
     match set.parameters.is_empty() {
         true => Err(format!("{} has no parameters", file.display()).into()),
@@ -266,7 +266,7 @@ pub(crate) async fn read_all(sdo: &SdoHandle) -> Result<Backup, DriveError> {
     backup
 }
 
-async fn compared(sdo: &SdoHandle, set: &ParameterSet) -> Result<Differences, Failure> {
+pub(crate) async fn compared(sdo: &SdoHandle, set: &ParameterSet) -> Result<Differences, Failure> {
     let bar = bar("comparing");
     let differences = set.compare(sdo, Progress::of(&mut told(&bar))).await;
     bar.finish_and_clear();
@@ -348,7 +348,7 @@ async fn restore(
     Ok(true)
 }
 
-fn of_differences(differences: &Differences) -> Value {
+pub(crate) fn of_differences(differences: &Differences) -> Value {
     let all = differences.0.iter().map(|difference| {
         json!({
             "object": difference.parameter.object.to_string(),
