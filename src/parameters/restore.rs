@@ -176,8 +176,12 @@ impl ParameterSet {
         Ok(done)
     }
 
-    /// What can be seen to be wrong for a drive that is this before anything is sent.
-    pub(crate) fn check(&self, got: Identity) -> Result<(), RestoreFault> {
+    /// Whether the set can be restored to a drive that says it is this, as far as that can be seen before anything is sent. A set without
+    /// an identity is for any drive.
+    ///
+    /// # Errors
+    /// [`RestoreFault::OtherDrive`]: it is of another vendor or product. [`RestoreFault::NoParameter`]: it has a command or a record.
+    pub fn check(&self, got: Identity) -> Result<(), RestoreFault> {
         if let Some(expected) = self.identity
             && (expected.vendor, expected.product) != (got.vendor, got.product)
         {

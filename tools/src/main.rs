@@ -16,7 +16,6 @@ mod od;
 mod output;
 mod panel;
 mod params;
-mod replace;
 mod report;
 mod scan;
 mod watch;
@@ -49,7 +48,7 @@ enum Command {
     /// Backs up, compares, writes and stores the parameters of drives; whatever their line was doing ends
     Params(params::Arguments),
     /// Gives a drive that was put in place of another one its station alias and its parameters; whatever its line was doing ends
-    Replace(replace::Arguments),
+    Replace(params::replace::Arguments),
     /// Shows what a drive remembers of its errors, and clears it if asked to; whatever its line was doing ends
     History(history::Arguments),
     /// Reads, compares and writes the EEPROM of a device, and its station alias; whatever its line was doing ends
@@ -95,7 +94,7 @@ fn main() -> ExitCode {
         Command::Scan(arguments) => smol::block_on(scan::run(&tool, arguments)),
         Command::Od(arguments) => smol::block_on(od::run(&tool, arguments)),
         Command::Params(arguments) => smol::block_on(params::run(&tool, arguments)),
-        Command::Replace(arguments) => smol::block_on(replace::run(&tool, arguments)),
+        Command::Replace(arguments) => smol::block_on(params::replace::run(&tool, arguments)),
         Command::History(arguments) => smol::block_on(history::run(&tool, arguments)),
         Command::Eeprom(arguments) => smol::block_on(eeprom::run(&tool, arguments)),
         Command::Jog(arguments) => smol::block_on(motion::jog(&tool, arguments)),

@@ -36,7 +36,7 @@ use super::{
     event::{NetworkEvent, Recovered},
     expected::DevicePlace,
     recorder::{Recorder, Signal},
-    watch::{Control, DevicePorts, Question, Replacement},
+    watch::{Control, DevicePorts, Question},
 };
 use crate::{
     Axis, AxisError, Failure, StopRequest,
@@ -354,16 +354,7 @@ impl Network {
     /// After an error the device is asked to leave OP. Outputs of one that is no drive stay 0 until a call succeeds, also if it comes back
     /// by itself.
     pub async fn recover(&self, place: impl Into<DevicePlace>) -> Result<Recovered, NetworkError> {
-        let place = place.into();
-        let index = self
-            .places
-            .iter()
-            .position(|(at, declared)| place == *declared || place == DevicePlace::Position(*at))
-            .ok_or_else(|| {
-                NetworkError::Declaration(format!(
-                    "no drive and no device with inputs and outputs was declared at {place}"
-                ))
-            })?;
+        let index = self.in_exchange(place.into())?;
         let (to_tell, steps) = unbounded();
         let asked = self.ask(|reply| Question::Recover(index, to_tell, reply));
         let told = self.listener.report_until(steps, asked);
@@ -420,13 +411,24 @@ impl Network {
         backup: &ParameterSet,
     ) -> Result<Recovered, NetworkError> {
         let drive = &self.view.source(axis)?.setup().identity.drive;
-        let index = self.view.in_exchange(drive.position)?;
-        let backup = backup.clone();
-        let by = Replacement { serial, backup };
+        let index = self.in_exchange(drive.into())?;
+        let by = (serial, backup.clone());
         let (to_tell, steps) = unbounded();
         let asked = self.ask(|reply| Question::Replace(index, by, to_tell, reply));
         let told = self.listener.report_until(steps, asked);
         self.view.control.waiters.relay(told).await?
+    }
+
+    fn in_exchange(&self, place: DevicePlace) -> Result<usize, NetworkError> {
+        let mut places = self.places.iter();
+        let is_there = |(at, declared): &(u16, DevicePlace)| {
+            place == *declared || place == DevicePlace::Position(*at)
+        };
+        places.position(is_there).ok_or_else(|| {
+            NetworkError::Declaration(format!(
+                "no drive and no device with inputs and outputs was declared at {place}"
+            ))
+        })
     }
 
     async fn ask<T>(

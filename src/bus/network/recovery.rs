@@ -16,7 +16,6 @@ use smol::{channel::Sender, future::or, lock::Mutex};
 use super::{
     axes::Axes,
     bring_up::{EXCHANGE_LIMIT, Ready},
-    replacement,
 };
 use crate::{
     axis::{CoreConfig, Reattach},
@@ -36,7 +35,7 @@ use crate::{
         line::{self, Found},
         log::LogRecord,
         requests::{Context, eeprom, registers},
-        watch::{Control, Replacement, data_of, note_state},
+        watch::{Control, data_of, note_state},
     },
     coe::DriveId,
     esc,
@@ -64,7 +63,7 @@ impl Recovery {
     pub async fn serve(
         &self,
         place: usize,
-        replacement: Option<Replacement>,
+        replacement: Option<(u32, ParameterSet)>,
         steps: Sender<StepDone>,
         reply: &Sender<Result<Recovered, NetworkError>>,
     ) {
@@ -103,7 +102,7 @@ impl Recovery {
         }
     }
 
-    pub(super) async fn recover(
+    pub async fn recover(
         &self,
         place: usize,
         member: &Member,
@@ -123,7 +122,7 @@ impl Recovery {
             }
         };
         note_state(&self.context, &self.control, place, &member.id, from);
-        let half_way = member.phase.get() == ReturnPhase::Anew;
+        let half_way = member.is_half_way();
         match from.state {
             AlState::Op if from.error.is_none() && !half_way => {
                 let is_served = self.until(|this| this.is_served(place));
@@ -150,7 +149,7 @@ impl Recovery {
     }
 
     /// The AL status of whoever has this station address.
-    pub(super) async fn status(&self, station: u16) -> Result<AlStatus, RegisterError> {
+    pub async fn status(&self, station: u16) -> Result<AlStatus, RegisterError> {
         match registers::status(&self.context.registers, station).await {
             // What follows ends what a device does that runs: one frame is no proof.
             Err(RegisterError::NotAnswered) => {
@@ -161,7 +160,7 @@ impl Recovery {
     }
 
     /// Gives it its station address again, wherever it is in the line now: it, or what is accepted in place of it.
-    pub(super) async fn find(
+    pub async fn find(
         &self,
         place: usize,
         member: &Member,
@@ -186,7 +185,7 @@ impl Recovery {
     }
 
     /// As at the start, from INIT. Parameters of a backup are its own before anything else is written to it.
-    pub(super) async fn bring_up(
+    pub async fn bring_up(
         &self,
         place: usize,
         member: &Member,
@@ -194,7 +193,7 @@ impl Recovery {
         backup: Option<&ParameterSet>,
         steps: Sender<StepDone>,
     ) -> Result<(), NetworkError> {
-        member.phase.set(ReturnPhase::Anew);
+        member.begin_anew();
         self.axes.borrow_mut().forget(place);
         self.cut_off(place);
         device.enter_pre_op(&self.context).await?;
@@ -207,9 +206,8 @@ impl Recovery {
             None => Progress::new(&self.context, steps, 0, 1),
         });
         if let Some(backup) = backup {
-            replacement::restore(&anew, backup)
-                .await
-                .of(&anew.found.id)?;
+            let restored = Self::restore(&anew, backup).await;
+            restored.of(&anew.found.id)?;
         }
         self.set_up(place, member, device, &mut anew).await?;
         *device = anew;
@@ -339,7 +337,7 @@ impl Recovery {
     }
 
     /// From now on what goes out to the device does nothing.
-    pub(super) fn reattach(&self, place: usize, again: impl FnMut(usize) -> Reattach) {
+    pub fn reattach(&self, place: usize, again: impl FnMut(usize) -> Reattach) {
         let now = self.context.time.now();
         self.ports.borrow_mut().hold(place);
         let mut cycle = self.context.cycle.borrow_mut();
@@ -394,7 +392,7 @@ impl Recovery {
     }
 
     /// From now on nothing of the device is taken, and what goes out to it does nothing.
-    pub(super) fn cut_off(&self, place: usize) {
+    pub fn cut_off(&self, place: usize) {
         self.reattach(place, |_| Reattach::Unknown);
         if let Some(cycle) = self.context.cycle.borrow_mut().as_mut() {
             cycle.exchange.drives.take_away(place);
@@ -453,20 +451,32 @@ fn same_process_data(before: &Device, now: &Device) -> Result<(), StepError> {
 /// A device of the exchange.
 pub(in crate::bus) struct Member {
     /// Who it is, for notes.
-    pub(super) id: Arc<DriveId>,
+    pub id: Arc<DriveId>,
     /// Whether all other clocks follow its own.
     is_reference: bool,
     /// How it is set up. Held by whoever brings it back.
     device: Mutex<Device>,
     /// How far it is.
-    pub(super) phase: Cell<ReturnPhase>,
+    phase: Cell<ReturnPhase>,
     /// What is being written to the EEPROM of the drive that replaces it. Until all of it is there, the EEPROM holds no valid image.
-    pub(super) image: RefCell<Option<SiiImage>>,
+    pub image: RefCell<Option<SiiImage>>,
+}
+
+impl Member {
+    /// From now on it is set up from INIT.
+    pub fn begin_anew(&self) {
+        self.phase.set(ReturnPhase::Anew);
+    }
+
+    /// Whether it was left while it was set up from INIT.
+    pub fn is_half_way(&self) -> bool {
+        self.phase.get() == ReturnPhase::Anew
+    }
 }
 
 /// How far a device is on its way back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum ReturnPhase {
+enum ReturnPhase {
     /// Not on its way.
     None,
     /// Being led from SAFEOP into OP.

@@ -6,7 +6,7 @@
 
 use smol::channel::Sender;
 
-use super::recovery::{Member, Recovery, ReturnPhase};
+use super::recovery::{Member, Recovery};
 use crate::{
     axis::Reattach,
     bus::{
@@ -19,7 +19,7 @@ use crate::{
         expected::{DevicePlace, LineVerdict, Present},
         line::{self, Found},
         requests::eeprom::{self, WholeEeprom},
-        watch::{Replacement, note_state},
+        watch::note_state,
     },
     coe::DriveId,
     parameters::{self, MemoryFault, ParameterSet, Progress},
@@ -28,39 +28,38 @@ use crate::{
 
 impl Recovery {
     /// Takes what stands there for the device of this place.
-    pub(super) async fn replace(
+    pub async fn replace(
         &self,
         place: usize,
         member: &Member,
         device: &mut Device,
-        by: &Replacement,
+        (serial, backup): &(u32, ParameterSet),
         steps: Sender<StepDone>,
     ) -> Result<Recovered, NetworkError> {
         let id = device.found.id.clone();
-        let of_its_kind = by.backup.check(id.identity).at(BringUpStep::Restore);
+        let of_its_kind = backup.check(id.identity).at(BringUpStep::Restore);
         of_its_kind.of(&id)?;
         let (position, from) = match self.status(device.found.station).await {
             Ok(status) => {
                 note_state(&self.context, &self.control, place, &member.id, status);
-                let is_back = status.state == AlState::Op
-                    && status.error.is_none()
-                    && member.phase.get() == ReturnPhase::None;
+                let is_back =
+                    status.state == AlState::Op && status.error.is_none() && !member.is_half_way();
                 if is_back {
                     // It is the one of this place, and is not disturbed to be asked.
                     let alias = None;
-                    accept(device, Present { id, alias }, by.serial)?;
+                    accept(device, Present { id, alias }, *serial)?;
                     return self.recover(place, member, device, steps).await;
                 }
                 (id.position, Some(status))
             }
             Err(RegisterError::NotAnswered) => {
-                let accepted = Some(by.serial);
+                let accepted = Some(*serial);
                 (self.find(place, member, device, accepted).await?, None)
             }
             Err(error) => return Err(error).at(BringUpStep::Identity).of(&id),
         };
         let mut newcomer = device.clone();
-        newcomer.found = self.accepted(place, member, device, by.serial).await?;
+        newcomer.found = self.accepted(place, member, device, *serial).await?;
         if let DeviceKind::Drive(drive) = &mut newcomer.kind {
             drive.forget_positions();
         }
@@ -69,8 +68,7 @@ impl Recovery {
             let written = self.write_alias(member, &newcomer.found, alias).await;
             written.of(&id)?;
         }
-        let backup = Some(&by.backup);
-        self.bring_up(place, member, &mut newcomer, backup, steps)
+        self.bring_up(place, member, &mut newcomer, Some(backup), steps)
             .await?;
         if let Some(known) = self.line.borrow_mut().get_mut(usize::from(id.position)) {
             *known = id;
@@ -101,7 +99,7 @@ impl Recovery {
             ..id.clone()
         };
         accept(device, present, serial)?;
-        member.phase.set(ReturnPhase::Anew);
+        member.begin_anew();
         self.axes.borrow_mut().forget(place);
         self.cut_off(place);
         let init = line::set_back(registers, *station).await;
@@ -146,11 +144,34 @@ impl Recovery {
         }
         Ok(())
     }
+
+    /// In PREOP: the drive gets the parameters, and stores them.
+    pub async fn restore(device: &Device, backup: &ParameterSet) -> Result<(), StepError> {
+        let sdo = device.mailbox.as_ref().map(|mailbox| &mailbox.sdo);
+        let sdo = sdo.ok_or(DriveFault::NoMailbox).at(BringUpStep::Restore)?;
+        let restored = backup.restore(sdo, Progress::none()).await;
+        restored
+            .map_err(|error| error.fault)
+            .at(BringUpStep::Restore)?;
+        device.done(BringUpStep::Restore);
+        let stored = match backup.parameters.as_slice() {
+            [] => Ok(()),
+            _ => parameters::store(sdo).await.map_err(|error| error.fault),
+        };
+        match stored {
+            Err(MemoryFault::NotOnCommand {
+                by_itself: true, ..
+            }) => {}
+            stored => stored.at(BringUpStep::Store)?,
+        }
+        device.done(BringUpStep::Store);
+        Ok(())
+    }
 }
 
 impl Member {
     /// Whether an EEPROM has a part of an image, and no valid one. Its writing is not given up.
-    pub(super) fn is_being_written(&self) -> bool {
+    pub fn is_being_written(&self) -> bool {
         self.image.borrow().is_some()
     }
 }
@@ -174,28 +195,5 @@ fn accept(device: &Device, present: Present, serial: u32) -> Result<(), NetworkE
         let fault = DriveFault::OlderRevision { expected, got };
         return Err(fault).at(BringUpStep::Identity).of(&present.id);
     }
-    Ok(())
-}
-
-/// In PREOP: the drive gets the parameters, and stores them.
-pub(super) async fn restore(device: &Device, backup: &ParameterSet) -> Result<(), StepError> {
-    let sdo = device.mailbox.as_ref().map(|mailbox| &mailbox.sdo);
-    let sdo = sdo.ok_or(DriveFault::NoMailbox).at(BringUpStep::Restore)?;
-    let restored = backup.restore(sdo, Progress::none()).await;
-    restored
-        .map_err(|error| error.fault)
-        .at(BringUpStep::Restore)?;
-    device.done(BringUpStep::Restore);
-    let stored = match backup.parameters.as_slice() {
-        [] => Ok(()),
-        _ => parameters::store(sdo).await.map_err(|error| error.fault),
-    };
-    match stored {
-        Err(MemoryFault::NotOnCommand {
-            by_itself: true, ..
-        }) => {}
-        stored => stored.at(BringUpStep::Store)?,
-    }
-    device.done(BringUpStep::Store);
     Ok(())
 }

@@ -283,7 +283,7 @@ impl NetworkView {
     }
 
     /// The place in the exchange of the device at this position of the line.
-    pub(super) fn in_exchange(&self, position: u16) -> Result<usize, NetworkError> {
+    fn in_exchange(&self, position: u16) -> Result<usize, NetworkError> {
         let mut positions = self.positions.iter();
         positions.position(|at| *at == position).ok_or_else(|| {
             let text = format!("no device at position {position} of the line was declared");

@@ -67,19 +67,13 @@ pub(in crate::bus) enum Question {
         Sender<StepDone>,
         Sender<Result<Recovered, NetworkError>>,
     ),
-    /// The same with the drive that was put there in place of another one.
+    /// The same with the drive that was put there in place of another one, if it has this serial number: it gets these parameters.
     Replace(
         usize,
-        Replacement,
+        (u32, ParameterSet),
         Sender<StepDone>,
         Sender<Result<Recovered, NetworkError>>,
     ),
-}
-
-/// What a program accepts in place of a drive.
-pub(in crate::bus) struct Replacement {
-    pub serial: u32,
-    pub backup: ParameterSet,
 }
 
 #[derive(Debug)]

@@ -2,6 +2,7 @@
 //! maker's defaults.
 
 mod apply;
+pub(crate) mod replace;
 
 use std::path::{Path, PathBuf};
 
@@ -76,10 +77,10 @@ enum Work {
 pub(crate) struct Consent {
     /// Show what would be written, and write nothing
     #[arg(long, conflicts_with = "yes")]
-    pub(crate) dry_run: bool,
+    dry_run: bool,
     /// Write without a question
     #[arg(long)]
-    pub(crate) yes: bool,
+    yes: bool,
 }
 
 /// Does it; false if file and drive differ, or a drive has refused something.
@@ -208,7 +209,7 @@ async fn memory(
 }
 
 /// The parameters of a file. One that has none would agree with every drive.
-pub(crate) fn loaded(file: &Path) -> Result<ParameterSet, Failure> {
+fn loaded(file: &Path) -> Result<ParameterSet, Failure> {
     let set = ParameterSet::load(file)?;
     match set.parameters.is_empty() {
         true => Err(format!("{} has no parameters", file.display()).into()),
@@ -266,7 +267,7 @@ pub(crate) async fn read_all(sdo: &SdoHandle) -> Result<Backup, DriveError> {
     backup
 }
 
-pub(crate) async fn compared(sdo: &SdoHandle, set: &ParameterSet) -> Result<Differences, Failure> {
+async fn compared(sdo: &SdoHandle, set: &ParameterSet) -> Result<Differences, Failure> {
     let bar = bar("comparing");
     let differences = set.compare(sdo, Progress::of(&mut told(&bar))).await;
     bar.finish_and_clear();
@@ -348,7 +349,7 @@ async fn restore(
     Ok(true)
 }
 
-pub(crate) fn of_differences(differences: &Differences) -> Value {
+fn of_differences(differences: &Differences) -> Value {
     let all = differences.0.iter().map(|difference| {
         json!({
             "object": difference.parameter.object.to_string(),

@@ -10,12 +10,12 @@ use servocrab::{
     sii::{Identity, SiiImage},
 };
 
+use super::{Consent, compared, loaded, of_differences};
 use crate::{
     eeprom,
     line::{Found, LineArguments, found},
     machine::Machine,
     output::{Done, Failure, Tool, bar, table, told},
-    params,
 };
 
 /// The line is reset, and its drives are in PREOP: nothing moves. Refused where a program has the interface: that replaces its drive
@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     keep: Option<PathBuf>,
     #[command(flatten)]
-    consent: params::Consent,
+    consent: Consent,
 }
 
 /// What stands there, and what it is to get.
@@ -52,7 +52,7 @@ struct Plan {
 /// Does it.
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     // What cannot be used takes no line.
-    let set = params::loaded(&arguments.from)?;
+    let set = loaded(&arguments.from)?;
     let machine = arguments
         .machine
         .as_deref()
@@ -70,14 +70,14 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let device = device.ok_or_else(|| format!("there is nothing at position {position}"))?;
     let sdo = device.objects()?;
     let plan = plan(*device, &set, alias)?;
-    let differences = tool.unless_interrupted(params::compared(sdo, &set)).await?;
+    let differences = tool.unless_interrupted(compared(sdo, &set)).await?;
     let shown = format!("{}{differences}", plan.shown());
     let json = json!({
         "position": position,
         "old": plan.old,
         "new": plan.new,
         "alias": plan.alias.1,
-        "would_write": params::of_differences(&differences),
+        "would_write": of_differences(&differences),
     });
     if arguments.consent.dry_run {
         tool.say(&json, format_args!("{shown}nothing is written\n"))?;
