@@ -10,9 +10,9 @@ use crate::{
     coe::{DriveError, DriveId, LinkRefusal, ObjectAddress, SdoError},
     ds402::{State, SupportedModes},
     link::RawSocketError,
-    parameters::StartUpError,
+    parameters::{MemoryFault, RestoreFault, StartUpError},
     pdo_map::{ConfigureError, MappingError, MappingWrite, verify::MappingDifferences},
-    sii::{Mailbox, SiiError},
+    sii::{Mailbox, SiiError, SiiImageError},
     units::ScaleDifference,
 };
 
@@ -125,6 +125,9 @@ pub enum NetworkError {
     /// The network has ended, and these axes were not seen to stand without power: the drives have left OP all the same.
     #[error("the network has ended, and not every axis was seen to stand: {}", ListOf(.0))]
     StillMoving(Vec<MovingAxis>),
+    /// The device is of an optional group that is not in the line.
+    #[error("{0}: its group is not in the line, and joins by itself when it is plugged in")]
+    Absent(DriveId),
     /// A drive could not be configured.
     #[error("{drive:#}: {step}: {error}")]
     Drive {
@@ -254,6 +257,12 @@ pub enum BringUpStep {
     Watchdog,
     /// The distributed clock.
     Clock,
+    /// Writing the station alias of a drive that was replaced.
+    Alias,
+    /// Writing the parameters of a drive that was replaced.
+    Restore,
+    /// Storing them in the drive (1010h).
+    Store,
     /// A change of the AL state.
     State(AlState),
 }
@@ -270,6 +279,9 @@ impl fmt::Display for BringUpStep {
             Self::ProcessData => f.write_str("setting up its process data"),
             Self::Watchdog => f.write_str("arming its process-data watchdog"),
             Self::Clock => f.write_str("setting its distributed clock"),
+            Self::Alias => f.write_str("writing its station alias"),
+            Self::Restore => f.write_str("restoring its parameters"),
+            Self::Store => f.write_str("having it store its parameters"),
             Self::State(state) => write!(f, "bringing it into {state}"),
         }
     }
@@ -560,6 +572,36 @@ pub enum DriveFault {
         apart: Duration,
         /// What it had to keep to.
         bound: Duration,
+    },
+    /// A drive of an older revision stands in place of one that is replaced.
+    #[error(
+        "it has the revision {got:08X}h, and a drive of the revision {expected:08X}h is replaced by one of the same or a higher revision \
+         alone"
+    )]
+    OlderRevision {
+        /// That of the drive that it replaces.
+        expected: u32,
+        /// Its own.
+        got: u32,
+    },
+    /// The parameters of the backup were not written to a drive that was replaced.
+    #[error(transparent)]
+    Restore(#[from] RestoreFault),
+    /// A drive that was replaced has not stored its parameters.
+    #[error(transparent)]
+    Store(#[from] MemoryFault),
+    /// The EEPROM of a drive that is to get its alias holds no valid image.
+    #[error("its EEPROM holds no valid image ({0}): write one, with `servocrab eeprom write`")]
+    NoImage(#[from] SiiImageError),
+    /// The EEPROM is written and read back, and the drive has not loaded it as at power-up.
+    #[error(
+        "its EEPROM with the alias {alias} is written, and not in force yet (0012h is {got}): switch it off and on, and replace it again"
+    )]
+    NotInForce {
+        /// What was written and read back.
+        alias: u16,
+        /// What the register shows.
+        got: u16,
     },
     /// The cyclic exchange did not get going.
     #[error("no complete exchange of process data within {0:?}")]

@@ -116,7 +116,7 @@ impl ParameterSet {
                 .filter(|object| Some(*object) != unconfirmed)
                 .collect(),
         };
-        self.check(sdo)
+        self.check(sdo.drive().identity)
             .map_err(|fault| error(fault, &done, 0, None))?;
         let guard = Guard::of(sdo)
             .await
@@ -176,9 +176,12 @@ impl ParameterSet {
         Ok(done)
     }
 
-    /// What can be seen to be wrong before anything is sent.
-    fn check(&self, sdo: &SdoHandle) -> Result<(), RestoreFault> {
-        let got = sdo.drive().identity;
+    /// Whether the set can be restored to a drive that says it is this, as far as that can be seen before anything is sent. A set without
+    /// an identity is for any drive.
+    ///
+    /// # Errors
+    /// [`RestoreFault::OtherDrive`]: it is of another vendor or product. [`RestoreFault::NoParameter`]: it has a command or a record.
+    pub fn check(&self, got: Identity) -> Result<(), RestoreFault> {
         if let Some(expected) = self.identity
             && (expected.vendor, expected.product) != (got.vendor, got.product)
         {

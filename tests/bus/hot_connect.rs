@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use servocrab::{
-    Failure, Network, Outcome, SetPoint,
+    Failure, Network, NetworkError, Outcome, SetPoint,
     bus::{DevicePlace, NetworkBuilder, NetworkEvent},
     coe::{SdoError, obj},
     drives::{self, DriveDescription},
@@ -163,6 +163,8 @@ fn a_tool_joins_beside_a_moving_axis_disabled_and_no_cycle_of_others_is_lost() {
     let sdo = machine.rig.net().sdo(DevicePlace::Alias(DRILL)).unwrap();
     let absent = machine.rig.until(sdo.read(obj::STATUSWORD)).unwrap_err();
     assert!(matches!(absent.error, SdoError::Absent { .. }), "{absent}");
+    let asked = machine.rig.recover(2);
+    assert!(matches!(asked, Err(NetworkError::Absent(_))), "{asked:?}");
     let (_mode, _x) = machine.rig.starts_a_long_move("x");
     machine.plug_in();
     machine.joins("drill");

@@ -288,7 +288,7 @@ async fn write(
 }
 
 /// Keeps what the EEPROM holds. No file that is there is replaced: after an interrupted write it has the only valid image.
-fn kept(tool: &Tool, before: &EepromContent, keep: &Path) -> Result<(), Failure> {
+pub(crate) fn kept(tool: &Tool, before: &EepromContent, keep: &Path) -> Result<(), Failure> {
     if !keep.exists() {
         NewFile::write(keep, before.bytes())?;
         return Ok(());

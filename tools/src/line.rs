@@ -226,7 +226,7 @@ pub(crate) struct Found<'line> {
 }
 
 impl<'line> Found<'line> {
-    fn objects(self) -> Result<&'line SdoHandle, Failure> {
+    pub fn objects(self) -> Result<&'line SdoHandle, Failure> {
         self.sdo.ok_or_else(|| {
             let problem = self.device.and_then(|device| device.problem.as_ref());
             let problem = problem.map(ToString::to_string);

@@ -47,6 +47,8 @@ enum Command {
     Od(od::Arguments),
     /// Backs up, compares, writes and stores the parameters of drives; whatever their line was doing ends
     Params(params::Arguments),
+    /// Gives a drive that was put in place of another one its station alias and its parameters; whatever its line was doing ends
+    Replace(params::replace::Arguments),
     /// Shows what a drive remembers of its errors, and clears it if asked to; whatever its line was doing ends
     History(history::Arguments),
     /// Reads, compares and writes the EEPROM of a device, and its station alias; whatever its line was doing ends
@@ -92,6 +94,7 @@ fn main() -> ExitCode {
         Command::Scan(arguments) => smol::block_on(scan::run(&tool, arguments)),
         Command::Od(arguments) => smol::block_on(od::run(&tool, arguments)),
         Command::Params(arguments) => smol::block_on(params::run(&tool, arguments)),
+        Command::Replace(arguments) => smol::block_on(params::replace::run(&tool, arguments)),
         Command::History(arguments) => smol::block_on(history::run(&tool, arguments)),
         Command::Eeprom(arguments) => smol::block_on(eeprom::run(&tool, arguments)),
         Command::Jog(arguments) => smol::block_on(motion::jog(&tool, arguments)),

@@ -7,6 +7,7 @@ use super::{
     held_outputs::{Brakes, HeldOutputs},
 };
 use crate::{
+    Referencing,
     axis::{
         AxisFields, BoxFuture, Brake, CoreConfig, Loss, OutputBrake, ParameterAccess, Tolerances,
     },
@@ -300,6 +301,20 @@ impl Drive {
             axis.config.defaults = first;
         }
         Ok(())
+    }
+
+    /// It stands in place of another one: what its encoder says, or it shows of an earlier homing, is not about this machine. Until the
+    /// next start its axes are referenced by a homing alone.
+    pub fn forget_positions(&mut self) {
+        for axis in &mut self.axes {
+            let config = &mut axis.config;
+            config.traits.homed = None;
+            config.homed = false;
+            axis.shows_homed = None;
+            if config.referencing == Referencing::AbsoluteEncoder {
+                config.referencing = Referencing::ByHoming;
+            }
+        }
     }
 
     /// What the program says of an axis.

@@ -49,6 +49,9 @@ const STEPS: [BringUpStep; 7] = [
     BringUpStep::State(AlState::Op),
 ];
 
+/// The steps of a drive that is replaced which are done before these.
+const OF_A_REPLACEMENT: [BringUpStep; 2] = [BringUpStep::Restore, BringUpStep::Store];
+
 /// A step that is done, on its way to whoever waits for the last one.
 pub(in crate::bus) struct StepDone {
     drive: Arc<DriveId>,
@@ -122,6 +125,11 @@ impl Progress {
         Self::of_one(context, steps, total)
     }
 
+    /// Counts the steps of a drive that is replaced.
+    pub fn of_a_replacement(context: &Context, steps: Sender<StepDone>) -> Self {
+        Self::of_one(context, steps, OF_A_REPLACEMENT.len() + STEPS.len())
+    }
+
     /// Counts so many steps of one device that is brought back into OP.
     pub fn of_one(context: &Context, steps: Sender<StepDone>, total: usize) -> Self {
         Self {
@@ -132,9 +140,13 @@ impl Progress {
         }
     }
 
-    /// A drive has done a step, which is one of [`STEPS`].
+    /// A drive has done a step, which is one of these.
     pub fn step(&self, drive: &DriveId, step: BringUpStep) {
-        debug_assert!(STEPS.contains(&step), "{step} is not counted");
+        let mut counted = STEPS.iter().chain(&OF_A_REPLACEMENT);
+        debug_assert!(
+            counted.any(|counted| *counted == step),
+            "{step} is not counted"
+        );
         let done = self.done.get() + 1;
         self.done.set(done);
         let drive = Arc::new(drive.clone());

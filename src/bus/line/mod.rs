@@ -102,6 +102,26 @@ impl Found {
         Ok(())
     }
 
+    /// The device that stands in its place now, in INIT, by its station address.
+    pub async fn successor(&self, registers: &Registers) -> Result<Self, StepError> {
+        let step = BringUpStep::Sii;
+        eeprom::take_over(registers, self.station).await.at(step)?;
+        let mut bytes = SiiBytes::new();
+        let (sii, name) = eeprom::read(registers, self.station, &mut bytes)
+            .await
+            .at(step)?;
+        Ok(Self {
+            station: self.station,
+            id: DriveId {
+                position: self.id.position,
+                name,
+                identity: sii.identity,
+            },
+            sii: Rc::new(sii),
+            bytes,
+        })
+    }
+
     /// From INIT to PREOP: the device gets its EEPROM, and the sync managers of its mailbox.
     pub async fn enter_pre_op(&self, registers: &Registers) -> Result<(), StepError> {
         let step = BringUpStep::State(AlState::PreOp);
@@ -444,6 +464,7 @@ enum FoundAs {
 }
 
 /// The devices of a line, as they were numbered at the start.
+#[derive(Clone)]
 pub(in crate::bus) struct KnownLine {
     /// Those that last.
     pub devices: Vec<DriveId>,
@@ -452,6 +473,10 @@ pub(in crate::bus) struct KnownLine {
 }
 
 impl KnownLine {
+    fn identities(&self) -> Vec<Identity> {
+        self.devices.iter().map(|device| device.identity).collect()
+    }
+
     /// So many addresses are given to its devices.
     const fn addresses(&self) -> usize {
         self.devices.len() + self.optional
@@ -464,15 +489,16 @@ impl KnownLine {
 }
 
 /// Gives the device that had this place at the start its station address again; tells where it is now, where those that come and go are
-/// not counted.
+/// not counted. Where a serial number is accepted, that is the one of its kind that has this number.
 pub(in crate::bus) async fn find_again(
     registers: &Registers,
     line: &KnownLine,
     wanted: &DriveId,
+    accepted: Option<u32>,
 ) -> Result<u16, NetworkError> {
     let mut last = RegisterError::NotAnswered;
     for _ in 0..TRIES {
-        match find_once(registers, line, wanted).await {
+        match find_once(registers, line, wanted, accepted).await {
             Ok(Some(verdict)) => return verdict,
             Ok(None) => {}
             // What was begun is brought to its end.
@@ -491,18 +517,27 @@ async fn find_once(
     registers: &Registers,
     line: &KnownLine,
     wanted: &DriveId,
+    accepted: Option<u32>,
 ) -> Result<Option<Result<u16, NetworkError>>, RegisterError> {
     let Some(seen) = look(registers, line).await? else {
         return Ok(None);
     };
     let own = station_of(wanted.position.into());
+    let wanted = match accepted {
+        Some(serial) => &in_place_of(wanted, serial, &seen),
+        None => wanted,
+    };
+    let mut expected = line.identities();
+    if let Some(identity) = expected.get_mut(usize::from(wanted.position)) {
+        *identity = wanted.identity;
+    }
     // It has its address again where only the answer to that was lost.
     let chosen = match seen.iter().position(|seen| seen.station == own) {
         Some(at) => Ok(at),
-        None => choose(&line.devices, wanted, &seen),
+        None => choose(&expected, wanted, &seen),
     };
     let named = chosen.as_ref().ok().map(|at| (*at, own));
-    settle(registers, &line.devices, &seen, named.as_slice()).await?;
+    settle(registers, &expected, &seen, named.as_slice()).await?;
     let lasting =
         |seen: &&Seen| !matches!(seen.who, FoundAs::Known(place) if line.is_optional(place));
     Ok(Some(chosen.map(|at| {
@@ -569,7 +604,7 @@ pub(in crate::bus) async fn name_new_ones<T>(
         .into_iter()
         .filter_map(|(number, station)| Some((at(number)?, station)))
         .collect();
-    settle(registers, &line.devices, &seen, &named).await?;
+    settle(registers, &line.identities(), &seen, &named).await?;
     Ok(Some(result))
 }
 
@@ -597,11 +632,10 @@ async fn look(registers: &Registers, line: &KnownLine) -> Result<Option<Vec<Seen
 /// Takes the provisional addresses away again: these devices get those, and who runs gets its own.
 async fn settle(
     registers: &Registers,
-    line: &[DriveId],
+    line: &[Identity],
     seen: &[Seen],
     named: &[(usize, u16)],
 ) -> Result<(), RegisterError> {
-    let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
     for (at, Seen { station, who }) in seen.iter().enumerate() {
         let FoundAs::Nameless { runs, .. } = *who else {
             continue;
@@ -609,7 +643,7 @@ async fn settle(
         if named.iter().any(|(named, _)| *named == at) {
             continue;
         }
-        let is_there = |place: &usize| candidates(&expected, *place, seen) == [(at, false)];
+        let is_there = |place: &usize| candidates(line, *place, seen) == [(at, false)];
         match (0..line.len()).find(is_there) {
             _ if !runs => give_name(registers, *station, 0).await?,
             // A provisional address has taken the place of its own.
@@ -720,12 +754,35 @@ async fn identify(
     Ok(Some(seen))
 }
 
+/// Who is wanted in place of a device: one of its kind with this serial number. Of which revision, the device that is there says; whoever
+/// accepts it judges that.
+fn in_place_of(device: &DriveId, serial: u32, seen: &[Seen]) -> DriveId {
+    let wanted = Identity {
+        serial,
+        ..device.identity
+    };
+    let is_wanted = |identity: &Identity| {
+        let revision = wanted.revision;
+        Identity {
+            revision,
+            ..*identity
+        } == wanted
+    };
+    let there = seen.iter().find_map(|seen| match seen.who {
+        FoundAs::Nameless { identity, .. } if is_wanted(&identity) => Some(identity),
+        _ => None,
+    });
+    DriveId {
+        identity: there.unwrap_or(wanted),
+        ..device.clone()
+    }
+}
+
 /// Which of the devices that are there is the wanted one.
-fn choose(line: &[DriveId], wanted: &DriveId, seen: &[Seen]) -> Result<usize, NetworkError> {
-    let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
+fn choose(expected: &[Identity], wanted: &DriveId, seen: &[Seen]) -> Result<usize, NetworkError> {
     let declared = DevicePlace::Position(wanted.position);
     let place = usize::from(wanted.position);
-    let candidates = candidates(&expected, place, seen);
+    let candidates = candidates(expected, place, seen);
     let verdict = match candidates.as_slice() {
         &[(only, false)] => return Ok(only),
         [] => {

@@ -268,6 +268,12 @@ impl Axes {
         }
     }
 
+    /// Whether the drive at this place is of an optional group that is not in the line.
+    pub fn is_absent(&self, place: usize) -> bool {
+        let mut axes = self.axes.iter();
+        axes.any(|axis| axis.drive == place && axis.is_absent)
+    }
+
     /// What the outputs of the drive at this place begin with from now on.
     pub fn hold(&mut self, place: usize, held: HeldOutputs) {
         let mut places = self.held.iter_mut();

@@ -219,9 +219,8 @@ impl HotConnecting {
         let declared = self.groups.iter().flat_map(|group| &group.declared);
         let places: Vec<_> = declared.map(|(place, _)| *place).collect();
         let registers = &recovery.context.registers;
-        let found = line::name_new_ones(registers, &recovery.line, &places, |new| {
-            self.recognise(new)
-        });
+        let line = recovery.line.borrow().clone();
+        let found = line::name_new_ones(registers, &line, &places, |new| self.recognise(new));
         found.await.map_err(NetworkError::Line)
     }
 
@@ -254,7 +253,8 @@ impl HotConnecting {
         for NewDevice { present, station } in new {
             let declared = self.groups.iter().flat_map(|group| &group.declared);
             let is_meant = declared.clone().any(|(place, _)| present.says(*place));
-            let mut lasting = self.recovery.line.devices.iter();
+            let line = self.recovery.line.borrow();
+            let mut lasting = line.devices.iter();
             let may_be_lasting = lasting.any(|device| device.identity == present.id.identity);
             if station.is_some() || is_meant || may_be_lasting {
                 continue;
@@ -313,7 +313,7 @@ impl HotConnecting {
     fn station(&self, place: usize) -> u16 {
         let first = self.groups.first().map_or(0, |group| group.places.start);
         let number = place.saturating_sub(first);
-        station_of(self.recovery.line.devices.len().saturating_add(number))
+        station_of(self.lasting().saturating_add(number))
     }
 
     fn complain(&self, group: &Group, error: &NetworkError) {
@@ -468,11 +468,16 @@ impl HotConnecting {
     /// The addresses of all devices that may be there: of a group that has left as a whole, one may answer still.
     fn stations(&self) -> impl Iterator<Item = u16> {
         let members: usize = self.groups.iter().map(|group| group.places.len()).sum();
-        (0..self.recovery.line.devices.len() + members).map(station_of)
+        (0..self.lasting() + members).map(station_of)
+    }
+
+    fn lasting(&self) -> usize {
+        self.recovery.line.borrow().devices.len()
     }
 
     fn device_at(&self, station: u16) -> Option<DriveId> {
-        let mut lasting = self.recovery.line.devices.iter();
+        let line = self.recovery.line.borrow();
+        let mut lasting = line.devices.iter();
         let mut stations = (0..).map(station_of);
         let lasting = lasting.find(|_| stations.next() == Some(station));
         let first = self.groups.iter().find(|group| {

@@ -1,7 +1,7 @@
 //! All devices together: the start, the run, the recovery of a device and the end; and the running network, as a program holds it.
 //!
 //! `builder` takes what a program declares, `bring_up` leads the line into OP, `supervisor` keeps it, `recovery` leads one device
-//! back, `hot_connect` lets devices come and go, `axes` steps the cores in each cycle, `scan` looks at a line without using it, and writes EEPROMs of it. It may call every other room
+//! back, `replacement` what stands in place of it, `hot_connect` lets devices come and go, `axes` steps the cores in each cycle, `scan` looks at a line without using it, and writes EEPROMs of it. It may call every other room
 //! of the bus; none calls it.
 
 pub(super) mod axes;
@@ -10,6 +10,7 @@ pub(super) mod builder;
 pub(super) mod hot_connect;
 pub(super) mod recovery;
 mod reference;
+mod replacement;
 pub(super) mod scan;
 pub(super) mod supervisor;
 pub(super) mod view;
@@ -43,6 +44,7 @@ use crate::{
     Axis, AxisError, Failure, StopRequest,
     axis::{AxisSource, AxisStatistics, Liveness, Pairing},
     coe::{DriveHistory, DriveId, Emergencies, SdoHandle},
+    parameters::ParameterSet,
     units::Unit,
     wakes::Waiters,
 };
@@ -370,25 +372,87 @@ impl Network {
     /// - [`NetworkError::WrongLine`]: it is not in the line any more, or another device is in its place. Or the reference clock that it follows
     ///   is not.
     /// - [`NetworkError::Declaration`]: no drive and no device with inputs and outputs was declared there.
+    /// - [`NetworkError::Absent`]: it is of an optional group that is not in the line.
     /// - [`NetworkError::Thread`]: the network has ended.
     ///
     /// After an error the device is asked to leave OP. Outputs of one that is no drive stay 0 until a call succeeds, also if it comes back
     /// by itself.
     pub async fn recover(&self, place: impl Into<DevicePlace>) -> Result<Recovered, NetworkError> {
-        let place = place.into();
-        let index = self
-            .places
-            .iter()
-            .position(|(at, declared)| place == *declared || place == DevicePlace::Position(*at))
-            .ok_or_else(|| {
-                NetworkError::Declaration(format!(
-                    "no drive and no device with inputs and outputs was declared at {place}"
-                ))
-            })?;
+        let index = self.in_exchange(place.into())?;
         let (to_tell, steps) = unbounded();
         let asked = self.ask(|reply| Question::Recover(index, to_tell, reply));
         let told = self.listener.report_until(steps, asked);
         self.view.control.waiters.relay(told).await?
+    }
+
+    /// Takes the drive that stands in place of the one of this axis, of all of whose axes it is: it gets the station alias and the parameters
+    /// of the old one, and is brought into OP. All others go on meanwhile.
+    ///
+    /// The new drive is accepted by its serial number. The error of [`recover`](Self::recover) names what stands there, and
+    /// `servocrab scan` lists it with the rest of the line. Its vendor and product must be those of the old one, and its revision the same
+    /// or a higher one. Where nothing is there with that number, or something else, nothing is written.
+    ///
+    /// 1. Its station alias is written to its EEPROM where the old one was declared [by alias](crate::bus::DevicePlace::Alias).
+    /// 2. In PREOP the parameters of the backup are written and read back ([`ParameterSet::restore`]), and stored
+    ///    ([`store`](crate::parameters::store), 1010h) unless the drive does that by itself. From a backup without parameters nothing is
+    ///    written and stored.
+    /// 3. It is brought up as by `recover`, with start-up lists and mapping. What moves leave out, and what the outputs hold, is as it
+    ///    was with the old drive.
+    ///
+    /// Nothing moves by it, and nothing is switched on. Its axes are disabled and not referenced, also those that were declared with
+    /// [`Referencing::AbsoluteEncoder`](crate::Referencing::AbsoluteEncoder), and although it may show that it was homed: home them, or
+    /// check where they are and start the network anew.
+    ///
+    /// Whatever interrupts it, the drive stays out of OP, and the same call begins again from the first step. When it has succeeded, `recover`
+    /// takes the new drive for the one of this place, and the same call does nothing if it is in OP. Handles stay valid; events and
+    /// [`drives`](Self::drives) go on naming the drive as it was found at the start. A serial number that the program
+    /// [declares](crate::bus::NetworkBuilder::drive) is to be changed before the next start.
+    ///
+    /// ```no_run
+    /// # async fn example(net: servocrab::Network) -> Result<(), Box<dyn std::error::Error>> {
+    /// use servocrab::parameters::ParameterSet;
+    /// let backup = ParameterSet::load("x.toml")?;
+    /// // Axes x and y are of one drive.
+    /// let replaced = net.replace("x", 0x0042_A7F1, &backup).await?;
+    /// println!("{replaced}: home its axes");
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As of [`recover`](Self::recover), and:
+    /// - [`NetworkError::WrongLine`]: what stands there has not this serial number, or is of another vendor or product.
+    /// - [`NetworkError::Drive`] with the step and the cause:
+    ///   [`OlderRevision`](crate::bus::DriveFault::OlderRevision), [`OtherMailbox`](crate::bus::DriveFault::OtherMailbox),
+    ///   [`Restore`](crate::bus::DriveFault::Restore), which may be that the backup is of another kind of drive,
+    ///   [`Store`](crate::bus::DriveFault::Store), [`NoImage`](crate::bus::DriveFault::NoImage), and
+    ///   [`NotInForce`](crate::bus::DriveFault::NotInForce), after which it is to be switched off and on.
+    /// - [`NetworkError::Declaration`]: no axis has this name.
+    pub async fn replace(
+        &self,
+        axis: &str,
+        serial: u32,
+        backup: &ParameterSet,
+    ) -> Result<Recovered, NetworkError> {
+        let drive = &self.view.source(axis)?.setup().identity.drive;
+        let index = self.in_exchange(drive.into())?;
+        let by = (serial, backup.clone());
+        let (to_tell, steps) = unbounded();
+        let asked = self.ask(|reply| Question::Replace(index, by, to_tell, reply));
+        let told = self.listener.report_until(steps, asked);
+        self.view.control.waiters.relay(told).await?
+    }
+
+    fn in_exchange(&self, place: DevicePlace) -> Result<usize, NetworkError> {
+        let mut places = self.places.iter();
+        let is_there = |(at, declared): &(u16, DevicePlace)| {
+            place == *declared || place == DevicePlace::Position(*at)
+        };
+        places.position(is_there).ok_or_else(|| {
+            NetworkError::Declaration(format!(
+                "no drive and no device with inputs and outputs was declared at {place}"
+            ))
+        })
     }
 
     async fn ask<T>(

@@ -39,6 +39,8 @@ use crate::{
         watch::{Control, data_of, note_state},
     },
     coe::DriveId,
+    parameters::ParameterSet,
+    sii::SiiImage,
 };
 
 /// Brings devices of the exchange back into OP.
@@ -48,8 +50,8 @@ pub(in crate::bus) struct Recovery {
     pub period: Duration,
     pub axes: Rc<RefCell<Axes>>,
     pub ports: Rc<RefCell<Ports>>,
-    /// All devices of the line, as they were numbered at the start.
-    pub line: KnownLine,
+    /// All devices of the line, as they were numbered at the start; those that were replaced since as they are now.
+    pub line: RefCell<KnownLine>,
     /// Its clocks, where they are used.
     pub clocks: Option<Rc<Clocks>>,
     /// In the order of the exchange.
@@ -59,20 +61,35 @@ pub(in crate::bus) struct Recovery {
 }
 
 impl Recovery {
-    /// Brings one back, unless whoever asked for it goes away.
+    /// Brings one back, or what was put there in place of it, unless whoever asked for it goes away.
     pub async fn serve(
         &self,
         place: usize,
+        replacement: Option<(u32, ParameterSet)>,
         steps: Sender<StepDone>,
         reply: &Sender<Result<Recovered, NetworkError>>,
     ) {
         let Some(member) = self.devices.get(place) else {
             return;
         };
+        if self.axes.borrow().is_absent(place) {
+            let drive = DriveId::clone(&member.id);
+            // Whoever has gone away by now misses it.
+            let _ = reply.try_send(Err(NetworkError::Absent(drive)));
+            return;
+        }
         let mut device = member.device.lock().await;
-        let recovery = async { Some(self.recover(place, member, &mut device, steps).await) };
+        let recovery = async {
+            Some(match &replacement {
+                Some(by) => self.replace(place, member, &mut device, by, steps).await,
+                None => self.recover(place, member, &mut device, steps).await,
+            })
+        };
         let given_up = async {
             reply.closed().await;
+            while member.is_being_written() {
+                self.context.time.sleep(self.period).await;
+            }
             None
         };
         let result = or(given_up, recovery).await;
@@ -93,24 +110,18 @@ impl Recovery {
         }
     }
 
-    async fn recover(
+    pub async fn recover(
         &self,
         place: usize,
         member: &Member,
         device: &mut Device,
         steps: Sender<StepDone>,
     ) -> Result<Recovered, NetworkError> {
-        let station = device.found.station;
-        let mut seen = registers::status(&self.context.registers, station).await;
-        if seen == Err(RegisterError::NotAnswered) {
-            // What follows ends what a device does that runs: one frame is no proof.
-            seen = registers::status(&self.context.registers, station).await;
-        }
-        let from = match seen {
+        let from = match self.status(device.found.station).await {
             Ok(status) => status,
             Err(RegisterError::NotAnswered) => {
-                let position = self.find(place, member, device).await?;
-                self.bring_up(place, member, device, steps).await?;
+                let position = self.find(place, member, device, None).await?;
+                self.bring_up(place, member, device, None, steps).await?;
                 let from = None;
                 return Ok(Recovered::BroughtUp { position, from });
             }
@@ -119,7 +130,7 @@ impl Recovery {
             }
         };
         note_state(&self.context, &self.control, place, &member.id, from);
-        let half_way = member.phase.get() == ReturnPhase::Anew;
+        let half_way = member.is_half_way();
         match from.state {
             AlState::Op if from.error.is_none() && !half_way => {
                 let is_served = self.until(|this| this.is_served(place));
@@ -139,7 +150,7 @@ impl Recovery {
                 Ok(Recovered::FromSafeOp { from })
             }
             _ => {
-                self.bring_up(place, member, device, steps).await?;
+                self.bring_up(place, member, device, None, steps).await?;
                 Ok(Recovered::BroughtUp {
                     position: device.found.id.position,
                     from: Some(from),
@@ -148,17 +159,29 @@ impl Recovery {
         }
     }
 
-    /// Gives it its station address again, wherever it is in the line now.
-    async fn find(
+    /// The AL status of whoever has this station address.
+    pub async fn status(&self, station: u16) -> Result<AlStatus, RegisterError> {
+        match registers::status(&self.context.registers, station).await {
+            // What follows ends what a device does that runs: one frame is no proof.
+            Err(RegisterError::NotAnswered) => {
+                registers::status(&self.context.registers, station).await
+            }
+            seen => seen,
+        }
+    }
+
+    /// Gives it its station address again, wherever it is in the line now: it, or what is accepted in place of it.
+    pub async fn find(
         &self,
         place: usize,
         member: &Member,
         device: &Device,
+        accepted: Option<u32>,
     ) -> Result<u16, NetworkError> {
         let at_start = &device.found.id;
         self.cut_off(place);
         let _searching = self.search.lock().await;
-        let position = self.address(at_start).await?;
+        let position = self.address(at_start, accepted).await?;
         let has_clock = member.is_reference || device.clocks().is_some();
         if has_clock && position != at_start.position {
             return Err(DriveFault::ClockOfRunningLine)
@@ -179,7 +202,7 @@ impl Recovery {
         let before = device.clone();
         device.join(found);
         let (steps, _) = unbounded();
-        let joined = self.bring_up(place, member, &mut device, steps).await;
+        let joined = self.bring_up(place, member, &mut device, None, steps).await;
         if joined.is_err() {
             *device = before;
         }
@@ -197,15 +220,16 @@ impl Recovery {
         }
     }
 
-    /// As at the start, from INIT.
-    async fn bring_up(
+    /// As at the start, from INIT. Parameters of a backup are its own before anything else is written to it.
+    pub async fn bring_up(
         &self,
         place: usize,
         member: &Member,
         device: &mut Device,
+        backup: Option<&ParameterSet>,
         steps: Sender<StepDone>,
     ) -> Result<(), NetworkError> {
-        member.phase.set(ReturnPhase::Anew);
+        member.begin_anew();
         self.axes.borrow_mut().forget(place);
         self.cut_off(place);
         device.enter_pre_op(&self.context).await?;
@@ -213,9 +237,14 @@ impl Recovery {
         // It stays as it was at the start if this fails.
         let mut anew = device.clone();
         anew.progress = Rc::new(match device.as_drive() {
+            Some(_) if backup.is_some() => Progress::of_a_replacement(&self.context, steps),
             Some(_) => Progress::new(&self.context, steps, 1, 0),
             None => Progress::new(&self.context, steps, 0, 1),
         });
+        if let Some(backup) = backup {
+            let restored = Self::restore(&anew, backup).await;
+            restored.of(&anew.found.id)?;
+        }
         self.set_up(place, member, device, &mut anew).await?;
         *device = anew;
         Ok(())
@@ -349,7 +378,7 @@ impl Recovery {
     }
 
     /// From now on what goes out to the device does nothing.
-    fn reattach(&self, place: usize, again: impl FnMut(usize) -> Reattach) {
+    pub fn reattach(&self, place: usize, again: impl FnMut(usize) -> Reattach) {
         let now = self.context.time.now();
         self.ports.borrow_mut().hold(place);
         let mut cycle = self.context.cycle.borrow_mut();
@@ -404,7 +433,7 @@ impl Recovery {
     }
 
     /// From now on nothing of the device is taken, and what goes out to it does nothing.
-    fn cut_off(&self, place: usize) {
+    pub fn cut_off(&self, place: usize) {
         self.reattach(place, |_| Reattach::Unknown);
         if let Some(cycle) = self.context.cycle.borrow_mut().as_mut() {
             cycle.exchange.drives.take_away(place);
@@ -464,13 +493,27 @@ fn same_process_data(before: &Device, now: &Device) -> Result<(), StepError> {
 /// A device of the exchange.
 pub(in crate::bus) struct Member {
     /// Who it is, for notes.
-    id: Arc<DriveId>,
+    pub id: Arc<DriveId>,
     /// Whether all other clocks follow its own.
     is_reference: bool,
     /// How it is set up. Held by whoever brings it back.
     pub device: Mutex<Device>,
     /// How far it is.
     phase: Cell<ReturnPhase>,
+    /// What is being written to the EEPROM of the drive that replaces it. Until all of it is there, the EEPROM holds no valid image.
+    pub image: RefCell<Option<SiiImage>>,
+}
+
+impl Member {
+    /// From now on it is set up from INIT.
+    pub fn begin_anew(&self) {
+        self.phase.set(ReturnPhase::Anew);
+    }
+
+    /// Whether it was left while it was set up from INIT.
+    pub fn is_half_way(&self) -> bool {
+        self.phase.get() == ReturnPhase::Anew
+    }
 }
 
 /// How far a device is on its way back.
@@ -491,6 +534,7 @@ pub(in crate::bus) fn members(devices: Vec<Device>, reference: Option<&DriveId>)
         is_reference: reference == Some(&device.found.id),
         device: Mutex::new(device),
         phase: Cell::new(ReturnPhase::None),
+        image: RefCell::new(None),
     });
     members.collect()
 }
@@ -530,7 +574,8 @@ impl Recovery {
         let _latching = self.search.lock().await;
         // However it was found again: elsewhere in the line a frame takes another time to it than the clocks know.
         let registers = &self.context.registers;
-        let here = line::place_of(registers, &self.line, *station).await;
+        let line = self.line.borrow().clone();
+        let here = line::place_of(registers, &line, *station).await;
         let fault = match here {
             Ok(here) if here == Some(id.position) => None,
             Ok(_) => Some(DriveFault::ClockOfRunningLine),

@@ -32,7 +32,7 @@ impl Recovery {
         match registers::status(registers, station).await {
             Ok(_) => {}
             Err(RegisterError::NotAnswered) => {
-                let position = self.address(id).await?;
+                let position = self.address(id, None).await?;
                 if position != id.position {
                     let fault: Result<(), _> = Err(DriveFault::ClockOfRunningLine);
                     return fault.at(BringUpStep::Clock).of(id);
@@ -52,11 +52,12 @@ impl Recovery {
     }
 
     /// Gives a device its station address again. The reference's time is not looked at from then on, and given to nobody.
-    pub async fn address(&self, id: &DriveId) -> Result<u16, NetworkError> {
+    pub async fn address(&self, id: &DriveId, accepted: Option<u32>) -> Result<u16, NetworkError> {
+        let line = self.line.borrow().clone();
         let clocks = self.clocks.as_ref();
         let is_reference = clocks.is_some_and(|clocks| clocks.reference == *id);
         let leads_since_now = is_reference && self.with_cycle(Cycle::lead_clocks) == Some(true);
-        let found = line::find_again(&self.context.registers, &self.line, id).await;
+        let found = line::find_again(&self.context.registers, &line, id, accepted).await;
         if leads_since_now && matches!(found, Err(NetworkError::WrongLine(_))) {
             // It is not there, and has no address. One that has kept its power will give its time.
             self.with_cycle(Cycle::follow_reference);

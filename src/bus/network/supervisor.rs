@@ -229,7 +229,7 @@ async fn start(
         period,
         axes: Rc::clone(&axes),
         ports: Rc::clone(&ports),
-        line,
+        line: RefCell::new(line),
         clocks,
         devices: recovery::members(devices, reference.as_deref()),
         search: Mutex::new(()),
@@ -394,14 +394,19 @@ async fn answer(context: &Context, running: &Running, control: &Control) {
             Question::States(reply) => {
                 let (asked, recovery) = (context.clone(), Rc::clone(&running.recovery));
                 let reading = async move {
-                    let _ =
-                        reply.try_send(watch::read_states(&asked, &recovery.line.devices).await);
+                    let line = recovery.line.borrow().devices.clone();
+                    let _ = reply.try_send(watch::read_states(&asked, &line).await);
                 };
                 under_way.extend(context.spawn(reading));
             }
             Question::Recover(place, steps, reply) => {
                 let recovery = Rc::clone(&running.recovery);
-                let way_back = async move { recovery.serve(place, steps, &reply).await };
+                let way_back = async move { recovery.serve(place, None, steps, &reply).await };
+                under_way.extend(context.spawn(way_back));
+            }
+            Question::Replace(place, by, steps, reply) => {
+                let recovery = Rc::clone(&running.recovery);
+                let way_back = async move { recovery.serve(place, Some(by), steps, &reply).await };
                 under_way.extend(context.spawn(way_back));
             }
         }

@@ -298,7 +298,11 @@ impl<'a> WholeEeprom<'a> {
     /// That of the SubDevice at this place in the line, which has its station address.
     pub async fn at(registers: &'a Registers, position: u16) -> Result<Self, EepromError> {
         let station = registers.read_at(position, esc::STATION_ADDRESS).await?;
-        let station = u16::from_le_bytes(station);
+        Self::of(registers, u16::from_le_bytes(station)).await
+    }
+
+    /// That of the SubDevice with this station address.
+    pub async fn of(registers: &'a Registers, station: u16) -> Result<Self, EepromError> {
         let control = registers.read(station, esc::EEPROM_CONTROL).await?;
         let limit = match u16::from_le_bytes(control) & EMULATED {
             0 => LIMIT,

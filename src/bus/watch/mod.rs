@@ -40,6 +40,7 @@ use crate::{
     coe::DriveId,
     ds402::{Controlword, State},
     esc,
+    parameters::ParameterSet,
     sync::Recent,
     units::AxisScale,
     wakes::{Waiters, Wakes},
@@ -64,6 +65,13 @@ pub(in crate::bus) enum Question {
     /// That the device at this place of the exchange be brought back into OP, and its progress be reported.
     Recover(
         usize,
+        Sender<StepDone>,
+        Sender<Result<Recovered, NetworkError>>,
+    ),
+    /// The same with the drive that was put there in place of another one, if it has this serial number: it gets these parameters.
+    Replace(
+        usize,
+        (u32, ParameterSet),
         Sender<StepDone>,
         Sender<Result<Recovered, NetworkError>>,
     ),

@@ -4,6 +4,7 @@ mod anew;
 mod broken_off;
 mod fallen;
 mod io;
+mod replacement;
 mod where_it_is;
 
 use std::{
@@ -14,7 +15,7 @@ use std::{
 use servocrab::{
     Axis, AxisError, BufferMode, DriveConfig, Failure, HomingMethod, HomingParameters, Move,
     Network, NetworkError, Outcome, ProfilePosition, SetPoint,
-    bus::{NetworkBuilder, NetworkEvent, Recovered},
+    bus::{DevicePlace, NetworkBuilder, NetworkEvent, Recovered},
     drives::{self, DriveDescription},
     pdo_map::{Entry, FixedPdo},
 };
@@ -90,6 +91,15 @@ impl Yard {
         config: DriveConfig,
         builder: impl FnOnce(&Line) -> NetworkBuilder,
     ) -> Self {
+        Self::placed(middle, 1.into(), config, builder)
+    }
+
+    fn placed(
+        middle: Device,
+        place: DevicePlace,
+        config: DriveConfig,
+        builder: impl FnOnce(&Line) -> NetworkBuilder,
+    ) -> Self {
         let mut segment = Segment::new()
             .with(personality::akd2g())
             .with(middle)
@@ -99,7 +109,7 @@ impl Yard {
         let rear = unhomed(drives::akd2g(), &["a"]);
         let builder = builder(&line)
             .drive(0, akd2g())
-            .drive(1, config)
+            .drive(place, config)
             .drive(2, rear);
         let mut rig = Rig::start(builder).unwrap();
         let x = rig.net().axis("x").unwrap();

@@ -2,6 +2,7 @@
 //! maker's defaults.
 
 mod apply;
+pub(crate) mod replace;
 
 use std::path::{Path, PathBuf};
 

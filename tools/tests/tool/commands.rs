@@ -259,6 +259,84 @@ fn a_following_error_is_in_the_history_with_the_makers_text_until_it_is_cleared(
 }
 
 #[test]
+fn what_differs_is_shown_before_a_replaced_drive_gets_its_parameters_and_its_alias() {
+    let directory = tempfile::tempdir().unwrap();
+    let place = |name: &str| directory.path().join(name);
+    let (file, machine, kept) = (place("x.toml"), place("machine.toml"), place("kept.bin"));
+    let from = file.display().to_string();
+    with_code(0, &format!("params --sim sigma7 backup {from}"));
+    with_code(0, &format!("init --sim sigma7 {}", machine.display()));
+    let changed = |file: &Path, changes: &[(&str, &str)]| {
+        let mut text = std::fs::read_to_string(file).unwrap();
+        for (old, new) in changes {
+            assert!(text.contains(old), "{old} is not in {text}");
+            text = text.replacen(old, new, 1);
+        }
+        std::fs::write(file, text).unwrap();
+    };
+    // The old drive had another number, another limit and an alias.
+    changed(
+        &file,
+        &[("serial = 0", "serial = 18"), ("2147483647", "900000")],
+    );
+    changed(
+        &machine,
+        &[("kind = \"sigma7\"", "kind = \"sigma7\"\nalias = 7")],
+    );
+
+    let replace = format!("replace --sim sigma7 --axis 0 --from {from}");
+    let shown = with_code(0, &format!("{replace} --dry-run"));
+    for part in ["00000012h", "900000", "nothing is written"] {
+        assert!(shown.contains(part), "{part} is not in {shown}");
+    }
+    let refused = servocrab(&replace);
+    assert_eq!(refused.code, Some(2));
+    for part in ["00000012h", "900000", "--yes"] {
+        assert!(refused.errors.contains(part), "{}", refused.errors);
+    }
+    let done = json(&format!("{replace} --yes"));
+    assert_eq!(
+        (&done["written"], &done["stored"]),
+        (&1.into(), &true.into())
+    );
+    assert_eq!(done["alias"], Value::Null);
+
+    let named = std::fs::read_to_string(&machine).unwrap();
+    let axis = named.split("axes = [\"").nth(1).unwrap();
+    let axis = axis.split('"').next().unwrap();
+    let by_machine = format!(
+        "replace --sim sigma7 --axis {axis} --machine {} --keep {} --from {from}",
+        machine.display(),
+        kept.display()
+    );
+    let done = json(&format!("{by_machine} --yes"));
+    assert_eq!((&done["written"], &done["alias"]), (&1.into(), &7.into()));
+    assert!(kept.exists(), "what was there is kept");
+    let unknown = servocrab(&format!(
+        "replace --sim sigma7 --axis q --from {from} --yes"
+    ));
+    assert!(unknown.errors.contains("--machine"), "{}", unknown.errors);
+
+    for (old, new, why) in [
+        (
+            "revision = 0x00000001",
+            "revision = 0x00000002",
+            "higher revision alone",
+        ),
+        (
+            "product = 0x53474437",
+            "product = 0x53474438",
+            "another kind of drive",
+        ),
+    ] {
+        changed(&file, &[(old, new)]);
+        let refused = servocrab(&format!("{replace} --yes"));
+        assert_eq!(refused.code, Some(2));
+        assert!(refused.errors.contains(why), "{}", refused.errors);
+    }
+}
+
+#[test]
 fn an_eeprom_is_read_written_and_compared_with_the_old_image_kept_beside() {
     if !inside_namespace(
         "commands::an_eeprom_is_read_written_and_compared_with_the_old_image_kept_beside",
