@@ -162,21 +162,6 @@ impl Expected {
             && is(self.serial, identity.serial)
     }
 
-    /// What is said of its identity, with 0 for the rest.
-    pub(super) fn identity(&self) -> Identity {
-        Identity {
-            vendor: self.vendor.unwrap_or_default(),
-            product: self.product.unwrap_or_default(),
-            revision: self.revision.unwrap_or_default(),
-            serial: self.serial.unwrap_or_default(),
-        }
-    }
-
-    /// Whether it may be a device of this kind.
-    pub(super) fn is_of(&self, vendor: u32, product: u32) -> bool {
-        self.vendor.is_none_or(|own| own == vendor) && self.product.is_none_or(|own| own == product)
-    }
-
     /// Whether it can be distinguished from other devices.
     const fn says_something(&self) -> bool {
         self.vendor.is_some() || self.product.is_some() || self.serial.is_some()

@@ -448,7 +448,7 @@ pub(crate) struct UnservedMailbox {
 
 impl UnservedMailbox {
     /// With the program's ends, for so many waiting requests and emergencies. The tasks that wait for these wait at `waiters`.
-    pub(crate) fn new(
+    pub fn new(
         (requests, emergencies): (usize, usize),
         drive: DriveId,
         waiters: impl Fn() -> Arc<Waiters>,
@@ -471,7 +471,7 @@ impl UnservedMailbox {
     }
 
     /// By which a bus loop reports what it sees of the mailbox: then the client does not look while nothing is due.
-    pub(crate) fn signal(&self) -> MailboxSignal {
+    pub fn signal(&self) -> MailboxSignal {
         self.signal.clone()
     }
 }

@@ -24,9 +24,9 @@ pub(crate) struct Args {
 }
 
 /// Files in `src/`.
-const MOST_FILES: usize = 180;
+const MOST_FILES: usize = 181;
 /// Items in `src/` that are `pub(crate)`, `pub(super)` or `pub(in …)`.
-const MOST_RESTRICTED: usize = 640;
+const MOST_RESTRICTED: usize = 654;
 /// Types in `src/` of the same name.
 const MOST_NAMESAKES: usize = 2;
 /// The mean number of words in a sentence of a page, and of the documentation in a source file.

@@ -180,7 +180,7 @@ impl Drive {
     }
 
     /// Its axes before anything was read of them, for the time in which the drive is not there.
-    pub(super) fn declare_axes(&mut self) -> Result<(), StepError> {
+    pub fn declare_axes(&mut self) -> Result<(), StepError> {
         for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
             let offset = description.offset;
             let fields = AxisFields::from_layout(&self.layout, offset).at(BringUpStep::Mapping)?;

@@ -70,7 +70,7 @@ impl Found {
     /// A device that is not in the line: nothing is known of it but what is expected.
     pub fn absent(id: DriveId) -> Self {
         Self {
-            station: station_of(id.position.into()),
+            station: KnownLine::station_of(id.position.into()),
             id,
             sii: Rc::new(Sii::default()),
             bytes: SiiBytes::new(),
@@ -81,6 +81,54 @@ impl Found {
     pub fn note(&self, context: &Context, what: &'static str) {
         let note = LogRecord::SetUp(Arc::new(self.id.clone()), what);
         context.log.record(context.time.now(), note);
+    }
+
+    /// Numbers the devices of a line in INIT anew, so that those of optional groups come behind the others. `members` says of each which
+    /// member of the groups it is, in their order; of several for one, only the first gets its address. The others, and all in the order in
+    /// which frames reach them.
+    pub async fn number_apart(
+        registers: &Registers,
+        mut physical: Vec<Self>,
+        members: &[Option<usize>],
+    ) -> Result<(Vec<Self>, Vec<Self>), NetworkError> {
+        let lasting = members.iter().filter(|member| member.is_none()).count();
+        let mut places = 0..lasting;
+        let numbers: Vec<_> = members
+            .iter()
+            .enumerate()
+            .map(|(at, member)| match member {
+                None => places.next(),
+                Some(_) if members.iter().take(at).any(|before| before == member) => None,
+                Some(member) => Some(lasting + member),
+            })
+            .collect();
+        // Those that come and go first, out of the way of the others, and at last with their own.
+        let is_optional = |number: &Option<usize>| number.is_none_or(|number| number >= lasting);
+        for (found, (number, at)) in physical.iter_mut().zip(numbers.iter().zip(PROVISIONAL..)) {
+            if is_optional(number) {
+                found.rename(registers, number.map_or(0, |_| at)).await?;
+            }
+        }
+        for is_last in [false, true] {
+            for (found, number) in physical.iter_mut().zip(&numbers) {
+                if let Some(number) = number.filter(|_| is_optional(number) == is_last) {
+                    found.id.position = to_position(number);
+                    found
+                        .rename(registers, KnownLine::station_of(number))
+                        .await?;
+                }
+            }
+        }
+        let mut kept = numbers.iter();
+        physical.retain(|_| kept.next().is_some_and(Option::is_some));
+        let last = |found: &&Self| usize::from(found.id.position) < lasting;
+        let line = physical.iter().filter(last).cloned().collect();
+        Ok((line, physical))
+    }
+
+    /// It is in the line now, with its address, and is led into INIT.
+    pub async fn meet(&self, context: &Context) -> Result<Self, NetworkError> {
+        find(context.clone(), self.id.position, self.station).await
     }
 
     /// Gives it another address.
@@ -153,7 +201,7 @@ pub(in crate::bus) async fn numbers(
         numbers.push(DevicePlace::Alias(u16::from_le_bytes(alias)));
     }
     if has(|place| matches!(place, DevicePlace::Identification(_))) {
-        let id = registers::identification(registers, station).await?;
+        let id = registers.identification(station).await?;
         numbers.extend(id.map(DevicePlace::Identification));
     }
     for place in places {
@@ -172,47 +220,6 @@ pub(in crate::bus) async fn numbers(
         }
     }
     Ok(numbers)
-}
-
-/// Numbers the devices of a line in INIT anew, so that those of optional groups come behind the others. `members` says of each which
-/// member of the groups it is, in their order; of several for one, only the first gets its address. The others, and all in the order in
-/// which frames reach them.
-pub(in crate::bus) async fn number_apart(
-    registers: &Registers,
-    mut physical: Vec<Found>,
-    members: &[Option<usize>],
-) -> Result<(Vec<Found>, Vec<Found>), NetworkError> {
-    let lasting = members.iter().filter(|member| member.is_none()).count();
-    let mut places = 0..lasting;
-    let numbers: Vec<_> = members
-        .iter()
-        .enumerate()
-        .map(|(at, member)| match member {
-            None => places.next(),
-            Some(_) if members.iter().take(at).any(|before| before == member) => None,
-            Some(member) => Some(lasting + member),
-        })
-        .collect();
-    // Those that come and go first, out of the way of the others, and at last with their own.
-    let is_optional = |number: &Option<usize>| number.is_none_or(|number| number >= lasting);
-    for (found, (number, at)) in physical.iter_mut().zip(numbers.iter().zip(PROVISIONAL..)) {
-        if is_optional(number) {
-            found.rename(registers, number.map_or(0, |_| at)).await?;
-        }
-    }
-    for is_last in [false, true] {
-        for (found, number) in physical.iter_mut().zip(&numbers) {
-            if let Some(number) = number.filter(|_| is_optional(number) == is_last) {
-                found.id.position = to_position(number);
-                found.rename(registers, station_of(number)).await?;
-            }
-        }
-    }
-    let mut kept = numbers.iter();
-    physical.retain(|_| kept.next().is_some_and(Option::is_some));
-    let last = |found: &&Found| usize::from(found.id.position) < lasting;
-    let line = physical.iter().filter(last).cloned().collect();
-    Ok((line, physical))
 }
 
 /// Brings these SubDevices into PREOP.
@@ -394,11 +401,7 @@ pub(in crate::bus) fn loop_is_gone() -> NetworkError {
 }
 
 /// One SubDevice in INIT: who it is, and what configuration needs of its SII.
-pub(in crate::bus) async fn find(
-    context: Context,
-    position: u16,
-    station: u16,
-) -> Result<Found, NetworkError> {
+async fn find(context: Context, position: u16, station: u16) -> Result<Found, NetworkError> {
     let registers = &context.registers;
     let mut id = DriveId {
         position,
@@ -486,31 +489,99 @@ impl KnownLine {
     const fn is_optional(&self, place: usize) -> bool {
         place >= self.devices.len()
     }
-}
 
-/// Gives the device that had this place at the start its station address again; tells where it is now, where those that come and go are
-/// not counted. Where a serial number is accepted, that is the one of its kind that has this number.
-pub(in crate::bus) async fn find_again(
-    registers: &Registers,
-    line: &KnownLine,
-    wanted: &DriveId,
-    accepted: Option<u32>,
-) -> Result<u16, NetworkError> {
-    let mut last = RegisterError::NotAnswered;
-    for _ in 0..TRIES {
-        match find_once(registers, line, wanted, accepted).await {
-            Ok(Some(verdict)) => return verdict,
-            Ok(None) => {}
-            // What was begun is brought to its end.
-            Err(lost) => last = lost,
-        }
-        registers.time().sleep(STEADY_FOR).await;
+    /// The address that a device has with this number.
+    pub fn station_of(place: usize) -> u16 {
+        FIRST_STATION.wrapping_add(to_position(place))
     }
-    Err(NetworkError::Drive {
-        drive: wanted.clone(),
-        step: BringUpStep::Identity,
-        error: Box::new(DriveFault::Register(last)),
-    })
+
+    /// Gives the device that had this place at the start its station address again; tells where it is now, where those that come and go are
+    /// not counted. Where a serial number is accepted, that is the one of its kind that has this number.
+    pub async fn find_again(
+        &self,
+        registers: &Registers,
+        wanted: &DriveId,
+        accepted: Option<u32>,
+    ) -> Result<u16, NetworkError> {
+        let mut last = RegisterError::NotAnswered;
+        for _ in 0..TRIES {
+            match find_once(registers, self, wanted, accepted).await {
+                Ok(Some(verdict)) => return verdict,
+                Ok(None) => {}
+                // What was begun is brought to its end.
+                Err(lost) => last = lost,
+            }
+            registers.time().sleep(STEADY_FOR).await;
+        }
+        Err(NetworkError::Drive {
+            drive: wanted.clone(),
+            step: BringUpStep::Identity,
+            error: Box::new(DriveFault::Register(last)),
+        })
+    }
+
+    /// Where the device with this address is now, where those that come and go are not counted.
+    pub async fn place_of(
+        &self,
+        registers: &Registers,
+        station: u16,
+    ) -> Result<Option<u16>, RegisterError> {
+        let stations = stations_on_the_line(registers).await?;
+        let is_optional = |station: &u16| {
+            place_at_start(*station, self.addresses()).is_some_and(|place| self.is_optional(place))
+        };
+        let mut lasting = stations.iter().filter(|station| !is_optional(station));
+        let place = lasting.position(|seen| *seen == station);
+        Ok(place.map(to_position))
+    }
+
+    /// Looks at the line once, and lets `named` say which devices get which addresses. What it says; none where the line has changed
+    /// meanwhile.
+    pub async fn name_new_ones<T>(
+        &self,
+        registers: &Registers,
+        places: &[DevicePlace],
+        named: impl FnOnce(&[NewDevice]) -> (Vec<(usize, u16)>, T),
+    ) -> Result<Option<T>, RegisterError> {
+        let Some(seen) = look(registers, self).await? else {
+            return Ok(None);
+        };
+        let mut new = Vec::new();
+        for (at, seen) in seen.iter().enumerate() {
+            let (identity, is_known) = match seen.who {
+                FoundAs::Known(place) if !self.is_optional(place) => continue,
+                FoundAs::Known(_) => {
+                    // With its power it has kept its address, its state and its error.
+                    let init = &registers::RESET;
+                    registers.write(seen.station, esc::AL_CONTROL, init).await?;
+                    let identity = eeprom::identity(registers, seen.station).await;
+                    (identity.unwrap_or_default(), true)
+                }
+                FoundAs::Nameless { runs: true, .. } => continue,
+                FoundAs::Nameless { identity, .. } => (identity, false),
+            };
+            let numbers = numbers(registers, seen.station, places).await?;
+            let id = DriveId {
+                position: to_position(at),
+                name: String::new(),
+                identity,
+            };
+            let present = Present { id, numbers };
+            let station = is_known.then_some(seen.station);
+            new.push(NewDevice { present, station });
+        }
+        let (named, result) = named(&new);
+        let at = |number: usize| {
+            new.get(number)
+                .map(|device| usize::from(device.present.id.position))
+        };
+        let named: Vec<_> = named
+            .into_iter()
+            .filter_map(|(number, station)| Some((at(number)?, station)))
+            .collect();
+        settle(registers, &self.identities(), &seen, &named).await?;
+        Ok(Some(result))
+    }
 }
 
 async fn find_once(
@@ -522,7 +593,7 @@ async fn find_once(
     let Some(seen) = look(registers, line).await? else {
         return Ok(None);
     };
-    let own = station_of(wanted.position.into());
+    let own = KnownLine::station_of(wanted.position.into());
     let wanted = match accepted {
         Some(serial) => &in_place_of(wanted, serial, &seen),
         None => wanted,
@@ -543,69 +614,6 @@ async fn find_once(
     Ok(Some(chosen.map(|at| {
         to_position(seen.iter().take(at).filter(lasting).count())
     })))
-}
-
-/// Where the device with this address is now, where those that come and go are not counted.
-pub(in crate::bus) async fn place_of(
-    registers: &Registers,
-    line: &KnownLine,
-    station: u16,
-) -> Result<Option<u16>, RegisterError> {
-    let stations = stations_on_the_line(registers).await?;
-    let is_optional = |station: &u16| {
-        place_at_start(*station, line.addresses()).is_some_and(|place| line.is_optional(place))
-    };
-    let mut lasting = stations.iter().filter(|station| !is_optional(station));
-    let place = lasting.position(|seen| *seen == station);
-    Ok(place.map(to_position))
-}
-
-/// Looks at the line once, and lets `named` say which devices get which addresses. What it says; none where the line has changed
-/// meanwhile.
-pub(in crate::bus) async fn name_new_ones<T>(
-    registers: &Registers,
-    line: &KnownLine,
-    places: &[DevicePlace],
-    named: impl FnOnce(&[NewDevice]) -> (Vec<(usize, u16)>, T),
-) -> Result<Option<T>, RegisterError> {
-    let Some(seen) = look(registers, line).await? else {
-        return Ok(None);
-    };
-    let mut new = Vec::new();
-    for (at, seen) in seen.iter().enumerate() {
-        let (identity, is_known) = match seen.who {
-            FoundAs::Known(place) if !line.is_optional(place) => continue,
-            FoundAs::Known(_) => {
-                // With its power it has kept its address, its state and its error.
-                let init = &registers::RESET;
-                registers.write(seen.station, esc::AL_CONTROL, init).await?;
-                let identity = eeprom::identity(registers, seen.station).await;
-                (identity.unwrap_or_default(), true)
-            }
-            FoundAs::Nameless { runs: true, .. } => continue,
-            FoundAs::Nameless { identity, .. } => (identity, false),
-        };
-        let numbers = numbers(registers, seen.station, places).await?;
-        let id = DriveId {
-            position: to_position(at),
-            name: String::new(),
-            identity,
-        };
-        let present = Present { id, numbers };
-        let station = is_known.then_some(seen.station);
-        new.push(NewDevice { present, station });
-    }
-    let (named, result) = named(&new);
-    let at = |number: usize| {
-        new.get(number)
-            .map(|device| usize::from(device.present.id.position))
-    };
-    let named: Vec<_> = named
-        .into_iter()
-        .filter_map(|(number, station)| Some((at(number)?, station)))
-        .collect();
-    settle(registers, &line.identities(), &seen, &named).await?;
-    Ok(Some(result))
 }
 
 /// A device that does not run as one of those that last.
@@ -649,7 +657,7 @@ async fn settle(
             // A provisional address has taken the place of its own.
             Some(place) => {
                 eeprom::give_away(registers, *station).await?;
-                give_name(registers, *station, station_of(place)).await?;
+                give_name(registers, *station, KnownLine::station_of(place)).await?;
             }
             None => {}
         }
@@ -660,11 +668,6 @@ async fn settle(
         }
     }
     Ok(())
-}
-
-/// The address that a device had whose place at the start was this.
-pub(in crate::bus) fn station_of(place: usize) -> u16 {
-    FIRST_STATION.wrapping_add(to_position(place))
 }
 
 /// Which place a device had at the start, if this address is one of the line's.
@@ -886,7 +889,7 @@ impl FoundAs {
     }
 }
 
-pub(in crate::bus) fn to_position(at: usize) -> u16 {
+fn to_position(at: usize) -> u16 {
     u16::try_from(at).unwrap_or(u16::MAX)
 }
 
@@ -911,7 +914,7 @@ mod tests {
 
     fn known(place: usize) -> Seen {
         let who = FoundAs::Known(place);
-        let station = station_of(place);
+        let station = KnownLine::station_of(place);
         Seen { station, who }
     }
 

@@ -22,6 +22,7 @@ use crate::{
         requests::Context,
     },
     coe::DriveId,
+    sii::Identity,
 };
 
 /// Complete exchanges before OP is asked for: the first one brings inputs, and with the second every drive has outputs that answer to
@@ -84,7 +85,7 @@ async fn declared_of(
         members.position(|(place, _)| present.says(*place))
     });
     let members: Vec<_> = members.collect();
-    let (line, physical) = line::number_apart(&context.registers, line, &members).await?;
+    let (line, physical) = Found::number_apart(&context.registers, line, &members).await?;
     let present: Vec<_> = present
         .into_iter()
         .zip(&members)
@@ -191,15 +192,15 @@ pub(in crate::bus) async fn configure(
     }
     let lasting = devices.len();
     let mut groups = Vec::new();
-    let mut places = line::to_position(line.len())..;
+    let mut numbers = u16::try_from(line.len()).unwrap_or(u16::MAX)..;
     for group in plan.groups {
         let first = devices.len();
         for (place, config) in group.drives {
-            let position = places.next().unwrap_or(u16::MAX);
+            let position = numbers.next().unwrap_or(u16::MAX);
             let id = DriveId {
                 position,
                 name: group.name.clone(),
-                identity: config.expected().identity(),
+                identity: Identity::default(),
             };
             let progress = Rc::clone(progress);
             let absent = Device::absent(context, id, place, config, times, progress)?;

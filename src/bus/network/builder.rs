@@ -163,11 +163,11 @@ impl NetworkBuilder {
         name: &str,
         declare: impl FnOnce(HotConnectGroup) -> HotConnectGroup,
     ) -> Self {
-        let group = declare(HotConnectGroup {
+        let group = declare(HotConnectGroup(GroupPlan {
             name: name.to_owned(),
             drives: Vec::new(),
-        });
-        self.plan.groups.push(group);
+        }));
+        self.plan.groups.push(group.0);
         self
     }
 
@@ -444,7 +444,7 @@ pub(in crate::bus) struct LinePlan {
     /// Devices that must be there and are left alone.
     pub others: Vec<(DevicePlace, Expected)>,
     /// Devices that may come and go.
-    pub groups: Vec<HotConnectGroup>,
+    pub groups: Vec<GroupPlan>,
     /// No other devices may be there.
     pub complete: bool,
     pub watchdog: Watchdog,
@@ -494,7 +494,10 @@ impl LinePlan {
                 continue;
             };
             let mut others = declared.iter().enumerate();
-            let is_alike = |other: &Expected| other.is_of(vendor, product);
+            let is_alike = |other: &Expected| {
+                let may_be = |own: Option<u32>, number| own.is_none_or(|own| own == number);
+                may_be(other.vendor, vendor) && may_be(other.product, product)
+            };
             if others.any(|(other, (_, expected))| {
                 other != number && number.max(other) >= lasting && is_alike(expected)
             }) {
@@ -558,8 +561,8 @@ impl LinePlan {
     }
 
     /// All devices that may come and go, in the order of their groups.
-    pub(super) fn optional(&self) -> impl Iterator<Item = (DevicePlace, Expected)> {
-        self.groups.iter().flat_map(HotConnectGroup::declared)
+    pub fn optional(&self) -> impl Iterator<Item = (DevicePlace, Expected)> {
+        self.groups.iter().flat_map(GroupPlan::declared)
     }
 
     /// All devices that must be there: the drives first, then those with inputs and outputs.
@@ -578,20 +581,26 @@ impl LinePlan {
 /// Devices that come and go together, as [`NetworkBuilder::optional`] declares them.
 #[derive(Debug, Clone)]
 #[must_use]
-pub struct HotConnectGroup {
-    pub(super) name: String,
-    pub(super) drives: Vec<(DevicePlace, DriveConfig)>,
-}
+pub struct HotConnectGroup(GroupPlan);
 
 impl HotConnectGroup {
     /// A drive, wherever the one with this alias, identification or identity stands. How many bytes it exchanges is known from its description
     /// alone. It follows no distributed clock.
     pub fn drive(mut self, place: impl Into<DevicePlace>, drive: DriveConfig) -> Self {
-        self.drives.push((place.into(), drive));
+        self.0.drives.push((place.into(), drive));
         self
     }
+}
 
-    pub(super) fn declared(&self) -> impl Iterator<Item = (DevicePlace, Expected)> {
+/// What the program wants of an optional group.
+#[derive(Debug, Clone)]
+pub(in crate::bus) struct GroupPlan {
+    pub name: String,
+    pub drives: Vec<(DevicePlace, DriveConfig)>,
+}
+
+impl GroupPlan {
+    fn declared(&self) -> impl Iterator<Item = (DevicePlace, Expected)> {
         let drives = self.drives.iter();
         drives.map(|(place, drive)| (*place, drive.expected()))
     }

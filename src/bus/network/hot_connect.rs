@@ -24,7 +24,7 @@ use crate::{
         error::NetworkError,
         event::NetworkEvent,
         expected::{self, DevicePlace, Expected, Present},
-        line::{self, NewDevice, station_of},
+        line::{self, KnownLine, NewDevice},
         log::LogRecord,
         watch::at_once,
     },
@@ -49,11 +49,15 @@ const TRY_AGAIN: Duration = Duration::from_secs(2);
 /// ```
 #[derive(Debug, Clone)]
 pub struct HotConnect {
-    pub(super) group: Arc<GroupState>,
-    pub(super) clock: CycleClock,
+    group: Arc<GroupState>,
+    clock: CycleClock,
 }
 
 impl HotConnect {
+    pub(super) const fn new(group: Arc<GroupState>, clock: CycleClock) -> Self {
+        Self { group, clock }
+    }
+
     /// The name of the group.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -220,7 +224,7 @@ impl HotConnecting {
         let places: Vec<_> = declared.map(|(place, _)| *place).collect();
         let registers = &recovery.context.registers;
         let line = recovery.line.borrow().clone();
-        let found = line::name_new_ones(registers, &line, &places, |new| self.recognise(new));
+        let found = line.name_new_ones(registers, &places, |new| self.recognise(new));
         found.await.map_err(NetworkError::Line)
     }
 
@@ -313,7 +317,7 @@ impl HotConnecting {
     fn station(&self, place: usize) -> u16 {
         let first = self.groups.first().map_or(0, |group| group.places.start);
         let number = place.saturating_sub(first);
-        station_of(self.lasting().saturating_add(number))
+        KnownLine::station_of(self.lasting().saturating_add(number))
     }
 
     fn complain(&self, group: &Group, error: &NetworkError) {
@@ -468,7 +472,7 @@ impl HotConnecting {
     /// The addresses of all devices that may be there: of a group that has left as a whole, one may answer still.
     fn stations(&self) -> impl Iterator<Item = u16> {
         let members: usize = self.groups.iter().map(|group| group.places.len()).sum();
-        (0..self.lasting() + members).map(station_of)
+        (0..self.lasting() + members).map(KnownLine::station_of)
     }
 
     fn lasting(&self) -> usize {
@@ -478,7 +482,7 @@ impl HotConnecting {
     fn device_at(&self, station: u16) -> Option<DriveId> {
         let line = self.recovery.line.borrow();
         let mut lasting = line.devices.iter();
-        let mut stations = (0..).map(station_of);
+        let mut stations = (0..).map(KnownLine::station_of);
         let lasting = lasting.find(|_| stations.next() == Some(station));
         let first = self.groups.iter().find(|group| {
             let mut places = group.places.clone();

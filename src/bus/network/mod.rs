@@ -1,8 +1,8 @@
 //! All devices together: the start, the run, the recovery of a device and the end; and the running network, as a program holds it.
 //!
-//! `builder` takes what a program declares, `bring_up` leads the line into OP, `supervisor` keeps it, `recovery` leads one device
-//! back, `replacement` what stands in place of it, `hot_connect` lets devices come and go, `axes` steps the cores in each cycle, `scan` looks at a line without using it, and writes EEPROMs of it. It may call every other room
-//! of the bus; none calls it.
+//! `builder` takes what a program declares, `bring_up` leads the line into OP, `supervisor` keeps it. `recovery` leads one device back,
+//! `reference` its clock, `replacement` what stands in place of it; `hot_connect` lets devices come and go. `axes` steps the cores in each
+//! cycle. `scan` looks at a line without using it, and writes EEPROMs of it. It may call every other room of the bus; none calls it.
 
 pub(super) mod axes;
 pub(super) mod bring_up;
@@ -199,10 +199,8 @@ impl Network {
         let mut groups = self.groups.iter();
         let group = groups.find(|group| group.name == name);
         let names = self.groups.iter().map(|group| group.name.as_str());
-        Ok(HotConnect {
-            group: Arc::clone(group.ok_or_else(|| unknown("optional group", name, names))?),
-            clock: self.clock(),
-        })
+        let group = group.ok_or_else(|| unknown("optional group", name, names))?;
+        Ok(HotConnect::new(Arc::clone(group), self.clock()))
     }
 
     /// The time of the cycles: to wait for the next inputs, and for pauses.

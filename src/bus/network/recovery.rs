@@ -197,8 +197,7 @@ impl Recovery {
             return Ok(());
         };
         let mut device = member.device.lock().await;
-        let (position, station) = (device.found.id.position, device.found.station);
-        let found = line::find(self.context.clone(), position, station).await?;
+        let found = device.found.meet(&self.context).await?;
         let before = device.clone();
         device.join(found);
         let (steps, _) = unbounded();
@@ -575,7 +574,7 @@ impl Recovery {
         // However it was found again: elsewhere in the line a frame takes another time to it than the clocks know.
         let registers = &self.context.registers;
         let line = self.line.borrow().clone();
-        let here = line::place_of(registers, &line, *station).await;
+        let here = line.place_of(registers, *station).await;
         let fault = match here {
             Ok(here) if here == Some(id.position) => None,
             Ok(_) => Some(DriveFault::ClockOfRunningLine),

@@ -12,7 +12,6 @@ use crate::{
             AtStep, BringUpStep, DriveFault, MovingAxis, NetworkError, OfDevice, ReferenceClock,
             RegisterError,
         },
-        line,
         requests::registers,
     },
     coe::DriveId,
@@ -57,7 +56,7 @@ impl Recovery {
         let clocks = self.clocks.as_ref();
         let is_reference = clocks.is_some_and(|clocks| clocks.reference == *id);
         let leads_since_now = is_reference && self.with_cycle(Cycle::lead_clocks) == Some(true);
-        let found = line::find_again(&self.context.registers, &line, id, accepted).await;
+        let found = line.find_again(&self.context.registers, id, accepted).await;
         if leads_since_now && matches!(found, Err(NetworkError::WrongLine(_))) {
             // It is not there, and has no address. One that has kept its power will give its time.
             self.with_cycle(Cycle::follow_reference);

@@ -225,6 +225,30 @@ impl Registers {
 
 // The AL state machine (ETG.1000.6): requests, refusals with their reason, acknowledgement of errors.
 
+impl Registers {
+    /// Asks for the explicit device identification (ETG.1020): none of a device that has none, or shows an error.
+    pub async fn identification(&self, station: u16) -> Result<Option<u16>, RegisterError> {
+        let [before, ..]: [u8; 6] = self.read(station, esc::AL_STATUS).await?;
+        let state = AlState::from_bits(before).bits();
+        self.write(station, esc::AL_CONTROL, &[state | IDENTIFICATION, 0])
+            .await?;
+        let time = self.time();
+        let until = time.now().saturating_add(IDENTIFICATION_LIMIT);
+        let id = loop {
+            let [status, _, _, _, c0, c1] = self.read(station, esc::AL_STATUS).await?;
+            if status & (IDENTIFICATION | ERROR) == IDENTIFICATION {
+                break Some(u16::from_le_bytes([c0, c1]));
+            }
+            if time.now() >= until {
+                break None;
+            }
+            time.sleep(LONGEST_PAUSE).await;
+        };
+        self.write(station, esc::AL_CONTROL, &[state, 0]).await?;
+        Ok(id)
+    }
+}
+
 /// Written there: INIT, with any error acknowledged.
 pub(in crate::bus) const RESET: [u8; 2] = [0x11, 0];
 const ERROR: u8 = 0x10;
@@ -385,34 +409,6 @@ async fn acknowledge(
     let is_gone = |seen: AlStatus| seen.error.is_none();
     settled(registers, station, ACKNOWLEDGE_LIMIT, is_gone).await?;
     Ok(())
-}
-
-/// Asks for the explicit device identification (ETG.1020): none of a device that has none, or shows an error.
-pub(in crate::bus) async fn identification(
-    registers: &Registers,
-    station: u16,
-) -> Result<Option<u16>, RegisterError> {
-    let [before, ..]: [u8; 6] = registers.read(station, esc::AL_STATUS).await?;
-    let state = AlState::from_bits(before).bits();
-    registers
-        .write(station, esc::AL_CONTROL, &[state | IDENTIFICATION, 0])
-        .await?;
-    let time = registers.time();
-    let until = time.now().saturating_add(IDENTIFICATION_LIMIT);
-    let id = loop {
-        let [status, _, _, _, c0, c1] = registers.read(station, esc::AL_STATUS).await?;
-        if status & (IDENTIFICATION | ERROR) == IDENTIFICATION {
-            break Some(u16::from_le_bytes([c0, c1]));
-        }
-        if time.now() >= until {
-            break None;
-        }
-        time.sleep(LONGEST_PAUSE).await;
-    };
-    registers
-        .write(station, esc::AL_CONTROL, &[state, 0])
-        .await?;
-    Ok(id)
 }
 
 #[cfg(test)]

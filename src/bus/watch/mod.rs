@@ -25,7 +25,7 @@ use super::{
     device::progress::StepDone,
     error::{AlState, AlStatus, MovingAxis, NetworkError, RegisterError},
     event::{DeviceFinding, Finding, Miscounted, NetworkEvent, Recovered},
-    line::station_of,
+    line::KnownLine,
     log::{AxisChange, AxisRecord, DriveChange, Log, LogRecord},
     requests::{
         Context, SLOTS,
@@ -714,7 +714,7 @@ pub(super) async fn read_states(
     for devices in line.chunks(AT_ONCE) {
         let asked = devices.iter().map(|device| {
             let (registers, place) = (context.registers.clone(), device.position.into());
-            async move { registers::status(&registers, station_of(place)).await }
+            async move { registers::status(&registers, KnownLine::station_of(place)).await }
         });
         for (device, status) in devices.iter().zip(at_once(context, asked).await) {
             let status = match status {
