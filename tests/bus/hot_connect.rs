@@ -513,3 +513,68 @@ fn a_set_point_that_is_given_while_the_tool_is_out_is_refused_at_once() {
             .is_empty()
     );
 }
+
+#[test]
+fn what_is_wrong_at_the_start_is_told_then_and_the_others_start() {
+    let wrong = Servo::akd2g().alias(DRILL).build();
+    let mut machine = Machine::drill(wrong, true);
+    assert_eq!(machine.refusals().len(), 1);
+    assert!(matches!(
+        machine.rig.moved("x", 5_000),
+        Outcome::Reached { .. }
+    ));
+    machine.sees_others_undisturbed(1);
+    let mut segment = Segment::new()
+        .with(personality::coupler())
+        .with(personality::akd2g());
+    assert_eq!(segment.attach(0, 3, tool(DRILL)), Some(1));
+    assert_eq!(segment.attach(0, 2, tool(DRILL)), Some(3));
+    let line = Line::ideal(segment);
+    let builder = Network::builder().link(line.wire()).drive(1, akd2g());
+    let rig = Rig::start(optional(builder, "drill", DevicePlace::Alias(DRILL), "z")).unwrap();
+    let machine = Machine { line, rig };
+    let refusals = machine.refusals();
+    assert_eq!(refusals.len(), 1, "{refusals:?}");
+    assert!(
+        refusals[0].contains("not unique: positions 1, 3"),
+        "{refusals:?}"
+    );
+    machine.sees_nothing_done();
+}
+
+#[test]
+fn a_tool_that_leaves_op_is_reported_and_led_back_as_any_other_drive() {
+    let mut machine = Machine::drill(tool(DRILL), true);
+    let mut segment = machine.line.segment();
+    segment.device_mut(TOOL).unwrap().fall_to_safe_op(0x001B);
+    drop(segment);
+    machine.rig.run_for(200 * MS);
+    let told = machine.events();
+    let fallen = |event: &NetworkEvent| matches!(event, NetworkEvent::LeftOp { drive, status } if drive.position == 2 && status.error == Some(0x001B));
+    assert!(told.iter().any(fallen), "{told:?}");
+    assert!(machine.rig.net().hot_connect("drill").unwrap().is_joined());
+    machine.rig.recover(2).unwrap();
+    assert!(matches!(
+        machine.rig.moved("z", 5_000),
+        Outcome::Reached { .. }
+    ));
+    machine.sees_others_undisturbed(0);
+}
+
+#[test]
+fn a_tool_that_says_late_who_it_is_joins_late() {
+    let mut machine = Machine::with(Servo::pp2010().build(), false, |builder| {
+        optional(builder, "drill", DevicePlace::Identification(20), "z")
+    });
+    machine.plug_in();
+    machine.rig.run_for(1_500 * MS);
+    assert!(machine.events().is_empty());
+    let mut segment = machine.line.segment();
+    segment.device_mut(TOOL).unwrap().set_identification(20);
+    drop(segment);
+    machine.joins("drill");
+    assert!(matches!(
+        machine.rig.moved("z", 5_000),
+        Outcome::Reached { .. }
+    ));
+}

@@ -34,7 +34,7 @@ use crate::{
 
 /// How often the line is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// How long after a failed attempt a group is tried again that has not been away meanwhile.
+/// How long after it the line is looked at again where a group could not join, or a device is nobody's.
 const TRY_AGAIN: Duration = Duration::from_secs(2);
 
 /// Whether the devices of an optional group are in the line: made by [`Network::hot_connect`](crate::Network::hot_connect).
@@ -133,8 +133,8 @@ pub(super) struct HotConnecting {
     pub groups: Vec<Group>,
     /// What the AL states of the line are when all is well: another with each device that joins or leaves.
     pub usual: Rc<Cell<Option<(u8, u16)>>>,
-    /// Strangers that were told of.
-    pub strangers: RefCell<Vec<Present>>,
+    /// Who was nobody at the last look, and whether that was told.
+    pub strangers: RefCell<Vec<(Present, bool)>>,
 }
 
 impl HotConnecting {
@@ -194,7 +194,8 @@ impl HotConnecting {
         let Ok(Some(arrivals)) = self.search().await else {
             return false;
         };
-        let mut is_done = true;
+        // Who is nobody now may say more later.
+        let mut is_done = self.strangers.borrow().is_empty();
         for group in arrivals.into_iter().filter_map(|at| self.groups.get(at)) {
             match self.join(group).await {
                 Ok(()) => {
@@ -251,7 +252,7 @@ impl HotConnecting {
         (named, arrivals)
     }
 
-    /// Those that are nobody's, each once as long as it is there.
+    /// Tells of those that are nobody's, each once as long as it is there. One that has just been switched on may not say yet who it is.
     fn tell_of_strangers(&self, new: &[NewDevice]) {
         let mut strangers = Vec::new();
         for NewDevice { present, station } in new {
@@ -263,10 +264,13 @@ impl HotConnecting {
             if station.is_some() || is_meant || may_be_lasting {
                 continue;
             }
-            if !self.strangers.borrow().contains(present) {
+            let before = self.strangers.borrow();
+            let mut before = before.iter();
+            let before = before.find_map(|(known, told)| (known == present).then_some(*told));
+            if before == Some(false) {
                 self.tell(NetworkEvent::Stranger(Arc::new(present.clone())));
             }
-            strangers.push(present.clone());
+            strangers.push((present.clone(), before.is_some()));
         }
         self.strangers.replace(strangers);
     }
@@ -354,7 +358,7 @@ impl HotConnecting {
 const PORTS_EVERY: Duration = Duration::from_millis(100);
 /// In so many looks a link must be there before its port is opened: a connector that is being put in has one now and then.
 const STEADY_LOOKS: u32 = 3;
-/// After so many cycles all frames must be back once a port was opened.
+/// Within so many cycles all frames must be back once a port was opened.
 const TRIED_FOR: u64 = 3;
 /// How long its closing may wait for an answer, which need not come.
 const CLOSING: Duration = Duration::from_millis(50);
@@ -449,12 +453,15 @@ impl HotConnecting {
             future::pending().await
         };
         let cycles = &context.counters.cycles;
-        let until = cycles.get() + TRIED_FOR;
+        let opened = cycles.get() + 1;
         let tried = async {
-            while cycles.get() < until {
+            // One of them may be lost otherwise.
+            let mut are_back = false;
+            while cycles.get() < opened + TRIED_FOR {
                 context.time.sleep(self.recovery.period / 2).await;
+                are_back |= cycles.get() > opened && self.count().is_some();
             }
-            self.count().is_some()
+            are_back
         };
         if smol::future::or(opening, tried).await {
             return true;

@@ -22,10 +22,7 @@ use crate::{
     axis::{AxisSource, Delivery},
     bus::{
         clocks::LockWatch,
-        cycle::{
-            DriveData,
-            black_box::{AxisIncident, BlackBox, CycleRing},
-        },
+        cycle::black_box::{AxisIncident, BlackBox, CycleRing},
         device::{
             io::Io,
             io_port::Ports,
@@ -130,13 +127,14 @@ impl Drop for EndOfEvents {
     }
 }
 
-/// What works with the process data, and the devices that last in the order of the exchange.
+/// What works with the process data, and all devices in the order of the exchange.
 struct Running {
     axes: Rc<RefCell<Axes>>,
     ports: Rc<RefCell<Ports>>,
-    devices: Vec<Found>,
-    /// Who they are, for notes.
-    ids: Vec<Arc<DriveId>>,
+    /// Each by its station address, with who it is for notes.
+    devices: Vec<(u16, Arc<DriveId>)>,
+    /// So many of them last; the others come and go.
+    lasting: usize,
     /// Whose clock is the reference.
     reference: Option<Arc<DriveId>>,
     recovery: Rc<Recovery>,
@@ -217,12 +215,11 @@ async fn start(
         groups: of_groups,
         clocks,
     } = ready;
-    let found = devices.iter().take(lasting);
-    let found: Vec<_> = found.map(|device| device.found.clone()).collect();
-    let ids: Vec<_> = found
-        .iter()
-        .map(|device| Arc::new(device.id.clone()))
-        .collect();
+    let stations = devices.iter().map(|device| {
+        let Found { station, id, .. } = &device.found;
+        (*station, Arc::new(id.clone()))
+    });
+    let stations: Vec<_> = stations.collect();
     let recovery = Rc::new(Recovery {
         context: context.clone(),
         control: Arc::clone(control),
@@ -254,8 +251,8 @@ async fn start(
     let running = Running {
         axes,
         ports,
-        ids,
-        devices: found,
+        devices: stations,
+        lasting,
         reference,
         recovery,
         usual,
@@ -274,15 +271,13 @@ pub(in crate::bus) async fn given_up(context: &Context, control: &Control) {
 /// Watches over the drives until the network is to end.
 async fn watch(context: &Context, running: &Running, control: &Arc<Control>, period: Duration) {
     let mut turn = 0;
-    let mut lost = vec![false; running.devices.len()];
+    let lasting = running.devices.iter().take(running.lasting);
+    let lasting: Vec<_> = lasting.map(|(_, id)| Arc::clone(id)).collect();
+    let mut lost = vec![false; lasting.len()];
     let mut lock = LockWatch::new();
     let mut wakers = WakeStatistics::default();
     let mut miscounts = MiscountWatch::new();
     let mut late = Duration::ZERO;
-    let devices = running.devices.iter().zip(&running.ids);
-    let stations: Vec<_> = devices
-        .map(|(device, id)| (device.station, Arc::clone(id)))
-        .collect();
     while !control.is_shutdown() {
         context.time.rest(LOOK_EVERY).await;
         if let Some(event) = lock.look(context.counters.clock.read())
@@ -316,10 +311,10 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
             };
             context.log.record(context.time.now(), note);
         }
-        let Some((al_status, wrong)) = look(context, control, &running.ids, &mut lost) else {
+        let Some((al_status, wrong)) = look(context, control, &lasting, &mut lost) else {
             return;
         };
-        miscounts.look(context, control, &stations);
+        miscounts.look(context, control, &running.devices);
         loop {
             let passed = running.axes.borrow_mut().next_passed();
             let Some(event) = passed else { break };
@@ -348,19 +343,19 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
             usual.set(Some(seen));
         }
         let all_operational = context.cycle.borrow().as_ref().is_some_and(|cycle| {
-            let mut drives = cycle.exchange.drives.iter().take(running.devices.len());
-            drives.all(DriveData::is_operational)
+            let mut drives = cycle.exchange.drives.iter();
+            drives.all(|drive| drive.away || drive.is_operational())
         });
         let is_usual = usual.get() == Some(seen) && !wrong && all_operational;
         if is_usual && seen.0 & STATE == OP {
             continue;
         }
-        let devices = running.devices.iter().zip(&running.ids).enumerate();
+        let devices = running.devices.iter().enumerate();
         // Behind a device that is not in OP another one hides that has left it: they are asked in turn.
         let asked = devices.filter(|(place, _)| !is_usual || *place == turn);
-        let looks = asked.map(|(place, (device, id))| {
+        let looks = asked.map(|(place, (station, id))| {
             let (context, control) = (context.clone(), Arc::clone(control));
-            read_state(context, control, place, device.station, Arc::clone(id))
+            read_state(context, control, place, *station, Arc::clone(id))
         });
         at_once(context, looks).await;
         if is_usual {
@@ -452,16 +447,17 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
         }
         break;
     }
-    // Who comes next finds the line as it is wired.
-    let _ = running.connecting.give_ports_back().await;
     // A brake or a valve holds what it holds for as long as an axis moves.
     running.ports.borrow_mut().end();
     running.axes.borrow_mut().end();
     time.sleep(period.saturating_mul(2)).await;
-    let mut there: Vec<_> = running.devices.iter().zip(&running.ids).collect();
+    let is_there = |place: usize| !running.axes.borrow().is_absent(place);
+    let there = running.devices.iter().enumerate();
+    let there = there.filter(|(place, _)| is_there(*place));
+    let mut there: Vec<_> = there.map(|(_, device)| device).collect();
     for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
-        let asked = there.iter().map(|(device, _)| {
-            let (registers, station) = (context.registers.clone(), device.station);
+        let asked = there.iter().map(|&&(station, _)| {
+            let registers = context.registers.clone();
             async move { registers::lower(&registers, station, state, DOWN_LIMIT).await }
         });
         let mut results = at_once(context, asked).await.into_iter();
@@ -483,6 +479,8 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
             context.cycle.borrow_mut().take();
         }
     }
+    // Who comes next finds the line as it is wired.
+    let _ = running.connecting.give_ports_back().await;
     leave(context).await;
 }
 
