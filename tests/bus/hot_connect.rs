@@ -339,9 +339,29 @@ fn a_tool_in_the_place_of_another_joins_as_itself() {
         Outcome::Reached { .. }
     ));
     assert_eq!(machine.failure_of_enable("z"), Some(Failure::Absent));
+    // The other one joins again beside it, while it moves.
+    let (_mode, w) = machine.rig.starts_a_long_move("w");
     machine.plug_in();
     machine.joins("drill");
+    machine.rig.run_for(3_000 * MS);
+    assert!(machine.rig.net().hot_connect("saw").unwrap().is_joined());
     machine.sees_others_undisturbed(0);
+    let executed = machine.line.segment().axis(3, 0).unwrap().ledger().len();
+    assert_eq!(executed, 2);
+    drop(w);
+}
+
+#[test]
+fn a_second_tool_with_the_alias_of_one_that_has_joined_is_told_of_and_stays_in_init() {
+    let mut machine = Machine::drill(tool(DRILL), true);
+    assert_eq!(machine.line.segment().attach(0, 2, tool(DRILL)), Some(3));
+    machine.rig.run_for(4_000 * MS);
+    assert!(machine.rig.net().hot_connect("drill").unwrap().is_joined());
+    let told = machine.events();
+    let strange = |event: &NetworkEvent| matches!(event, NetworkEvent::Stranger(present) if present.id.position == 3);
+    assert!(told.iter().any(strange), "{told:?}");
+    let state = machine.line.segment().device(3).unwrap().al_state();
+    assert_eq!(state, AlState::Init);
 }
 
 #[test]

@@ -535,11 +535,12 @@ impl KnownLine {
         Ok(place.map(to_position))
     }
 
-    /// Looks at the line once, and lets `named` say which devices get which addresses. What it says; none where the line has changed
-    /// meanwhile.
+    /// Looks at the line once, and lets `named` say which of the devices that are not in use get which addresses. What it says; none where
+    /// the line has changed meanwhile.
     pub async fn name_new_ones<T>(
         &self,
         registers: &Registers,
+        is_in_use: impl Fn(usize) -> bool,
         places: &[DevicePlace],
         named: impl FnOnce(&[NewDevice]) -> (Vec<(usize, u16)>, T),
     ) -> Result<Option<T>, RegisterError> {
@@ -549,7 +550,7 @@ impl KnownLine {
         let mut new = Vec::new();
         for (at, seen) in seen.iter().enumerate() {
             let (identity, is_known) = match seen.who {
-                FoundAs::Known(place) if !self.is_optional(place) => continue,
+                FoundAs::Known(number) if is_in_use(number) => continue,
                 FoundAs::Known(_) => {
                     // With its power it has kept its address, its state and its error.
                     let init = &registers::RESET;
@@ -616,7 +617,7 @@ async fn find_once(
     })))
 }
 
-/// A device that does not run as one of those that last.
+/// A device that is not in use.
 pub(in crate::bus) struct NewDevice {
     pub present: Present,
     /// Its address, where it is one of those that come and go, and has kept it.

@@ -180,8 +180,7 @@ impl HotConnecting {
             before = count;
             let now = time.now();
             let is_due = count != searched || again_at.is_some_and(|at| now >= at);
-            let is_one_absent = self.groups.iter().any(|group| !group.is_joined());
-            if is_steady && is_due && is_one_absent {
+            if is_steady && is_due {
                 let is_done = self.let_join().await;
                 searched = count;
                 again_at = (!is_done).then(|| time.now().saturating_add(TRY_AGAIN));
@@ -225,7 +224,12 @@ impl HotConnecting {
         let places: Vec<_> = declared.map(|(place, _)| *place).collect();
         let registers = &recovery.context.registers;
         let line = recovery.line.borrow().clone();
-        let found = line.name_new_ones(registers, &places, |new| self.recognise(new));
+        let lasting = line.devices.len();
+        let joined = self.groups.iter().filter(|group| group.is_joined());
+        let members = joined.flat_map(|group| group.places.clone());
+        let members: Vec<_> = members.map(|place| self.number(place)).collect();
+        let is_in_use = |number| number < lasting || members.contains(&number);
+        let found = line.name_new_ones(registers, is_in_use, &places, |new| self.recognise(new));
         found.await.map_err(NetworkError::Line)
     }
 
@@ -256,8 +260,9 @@ impl HotConnecting {
     fn tell_of_strangers(&self, new: &[NewDevice]) {
         let mut strangers = Vec::new();
         for NewDevice { present, station } in new {
-            let declared = self.groups.iter().flat_map(|group| &group.declared);
-            let is_meant = declared.clone().any(|(place, _)| present.says(*place));
+            let absent = self.groups.iter().filter(|group| !group.is_joined());
+            let mut declared = absent.flat_map(|group| &group.declared);
+            let is_meant = declared.any(|(place, _)| present.says(*place));
             let line = self.recovery.line.borrow();
             let mut lasting = line.devices.iter();
             let may_be_lasting = lasting.any(|device| device.identity == present.id.identity);
@@ -317,11 +322,14 @@ impl HotConnecting {
         }
     }
 
-    /// The address of the device at this place of the exchange.
-    fn station(&self, place: usize) -> u16 {
+    /// The number of the device at this place of the exchange.
+    fn number(&self, place: usize) -> usize {
         let first = self.groups.first().map_or(0, |group| group.places.start);
-        let number = place.saturating_sub(first);
-        KnownLine::station_of(self.lasting().saturating_add(number))
+        self.lasting().saturating_add(place.saturating_sub(first))
+    }
+
+    fn station(&self, place: usize) -> u16 {
+        KnownLine::station_of(self.number(place))
     }
 
     fn complain(&self, group: &Group, error: &NetworkError) {
