@@ -122,7 +122,7 @@ async fn use_tool(drill: &HotConnect, spindle: &Axis, uses: u32) -> Result<(), B
                 say!("the spindle has turned, and is at {position}");
             }
             Err(error) if is_lost(&error) => {
-                say!("it was pulled too early: {error}");
+                say!("the spindle has not turned to its end: {error}");
             }
             Err(error) => return Err(error.into()),
         }
