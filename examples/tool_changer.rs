@@ -1,8 +1,8 @@
-//! A machine whose tools come and go under power, by default on an embedded simulated segment: a spindle joins beside a moving axis, drills,
-//! leaves, and joins again.
+//! A machine whose tool comes and goes under power, by default on an embedded simulated segment: a spindle joins beside a moving axis, turns, is
+//! pulled, and joins again.
 //!
-//! `--interface eth0` takes a real line: drives after CiA 402, of which the first that is there all the time moves, and one with the station
-//! alias `--alias` comes and goes. Ctrl-C stops, disables and leaves OP in order.
+//! `--interface eth0` takes a real line of drives after CiA 402: the one at position `--drive` is there all the time and moves to and fro, the
+//! one with the station alias `--alias` is the tool. Ctrl-C stops both, disables them and leaves OP in order.
 
 #[path = "common/interrupt.rs"]
 mod interrupt;
@@ -23,33 +23,33 @@ use std::{
 use clap::Parser;
 use interrupt::Interrupt;
 use servocrab::{
-    Axis, AxisConfig, AxisError, DriveConfig, Network, Referencing, SetPoint,
+    Axis, AxisConfig, AxisError, DriveConfig, FailureClass, Network, Referencing, SetPoint,
     bus::{CycleClock, DevicePlace, HotConnect},
     drives,
     link::Wire,
 };
 use servocrab_sim::{Segment, personality, personality::Servo};
 
-/// So far the axis that is there all the time moves to and fro, and so far the spindle turns, in counts.
-const WAY: i32 = 20_000;
+/// How far the axis that is there all the time moves to and fro, and how far the spindle turns, in counts.
+const TRAVEL: i32 = 20_000;
 const HOLE: i32 = 5_000;
-/// How long the simulated spindle is in and out.
+/// How long the simulated tool stays in after it has joined, and out after it has left.
 const IN: Duration = Duration::from_millis(800);
 const OUT: Duration = Duration::from_millis(400);
 
-/// Moves an axis, and a tool that comes and goes, by CiA 402 drives.
+/// Moves an axis, and a tool that comes and goes beside it, by CiA 402 drives.
 #[derive(Parser)]
 struct Arguments {
     /// The network interface that the drives are on; without it, simulated drives in this process.
     #[arg(long)]
     interface: Option<String>,
-    /// Position in the line of the drive that is there all the time, from 0, where the tool is not counted.
-    #[arg(long, default_value_t = 1)]
+    /// Position of the drive that is there all the time, from 0; the tool is not counted.
+    #[arg(long, default_value_t = 1, requires = "interface")]
     drive: u16,
     /// Station alias of the tool.
     #[arg(long, default_value_t = 7)]
     alias: u16,
-    /// How often the tool is used.
+    /// How often the tool is used; it is pulled in between.
     #[arg(long, default_value_t = 2)]
     uses: u32,
 }
@@ -68,7 +68,7 @@ async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn
         None => Network::builder().link(wire(arguments.alias, &is_in)),
     };
     let drive = |name: &str| {
-        // It turns by so much from where it stands, and needs no reference for that.
+        // Its moves are relative and need no reference.
         let axis = AxisConfig::new(name).referencing(Referencing::UnreferencedMovesAllowed);
         DriveConfig::new(drives::generic()).axis(axis)
     };
@@ -85,35 +85,87 @@ async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn
     let (x, spindle) = (net.axis("x")?, net.axis("spindle")?);
     let drill = net.hot_connect("drill")?;
     let clock = net.clock();
-    let work = async {
-        for _ in 0..arguments.uses {
-            use_once(&drill, &spindle).await?;
+    let tools_change = async {
+        match arguments.interface {
+            // Somebody at the machine does it.
+            Some(_) => smol::future::pending().await,
+            None => change_tools(&drill, &clock, &is_in).await,
         }
-        Ok(())
     };
-    let work = smol::future::or(work, to_and_fro(&x));
-    let done = if arguments.interface.is_none() {
-        let work = smol::future::or(work, change_tools(&clock, &is_in));
-        interrupt.or(work).await
-    } else {
-        interrupt.or(work).await
-    };
+    let work = smol::future::or(use_tool(&drill, &spindle, arguments.uses), to_and_fro(&x));
+    let beside = smol::future::or(tell_events(&net), tools_change);
+    let done = interrupt.or(smol::future::or(work, beside)).await;
     let disabled = x.disable().await;
     while let Some(event) = net.events().try_next() {
         say!("event: {event}");
     }
-    let counted = net.drive_statistics();
-    if let Some(lasting) = counted.first() {
-        say!(
-            "{}: silent in {} cycles",
-            lasting.drive,
-            lasting.stale_cycles
-        );
+    if let Some(lasting) = net.drive_statistics().first() {
+        let (drive, silent) = (&lasting.drive, lasting.stale_cycles);
+        say!("{drive}: silent in {silent} cycles");
     }
+    // Stops and disables the spindle, too.
     let ended = net.shutdown().await;
     done.ok_or("interrupted: stopped and disabled")??;
     disabled?;
     Ok(ended?)
+}
+
+/// The tool is used, and is pulled before it is used again.
+async fn use_tool(drill: &HotConnect, spindle: &Axis, uses: u32) -> Result<(), Box<dyn Error>> {
+    for before in 0..uses {
+        if before > 0 {
+            drill.left().await?;
+        }
+        drill.joined().await?;
+        match turn(spindle).await {
+            Ok(position) => {
+                say!("the spindle has turned, and is at {position}");
+            }
+            Err(error) if is_lost(&error) => {
+                say!("the spindle has not turned to its end: {error}");
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(())
+}
+
+fn is_lost(error: &AxisError) -> bool {
+    let failure = error.failure();
+    failure.is_some_and(|failure| failure.class() == FailureClass::Lost)
+}
+
+/// Disabled at its end, so that it has no torque when it is pulled.
+async fn turn(spindle: &Axis) -> Result<i32, AxisError> {
+    spindle.enable().await?;
+    let mode = spindle.profile_position().await?;
+    let turned = mode.move_rel(HOLE, slow()).await?.done().await?;
+    spindle.disable().await?;
+    Ok(turned.position())
+}
+
+async fn to_and_fro(x: &Axis) -> Result<(), Box<dyn Error>> {
+    x.enable().await?;
+    let mode = x.profile_position().await?;
+    loop {
+        for way in [TRAVEL, -TRAVEL] {
+            mode.move_rel(way, slow()).await?.done().await?;
+        }
+    }
+}
+
+fn slow() -> SetPoint {
+    SetPoint::new()
+        .velocity(40_000)
+        .acceleration(400_000)
+        .deceleration(400_000)
+}
+
+async fn tell_events(net: &Network) -> Result<(), Box<dyn Error>> {
+    while let Some(event) = net.events().next().await {
+        say!("event: {event}");
+    }
+    Ok(())
 }
 
 /// A coupler with the tool at its port 3, and the drive that is there all the time behind it.
@@ -134,54 +186,17 @@ fn wire(alias: u16, is_in: &Arc<AtomicBool>) -> Wire {
 }
 
 /// Somebody puts the simulated tool in and takes it out.
-async fn change_tools(clock: &CycleClock, is_in: &AtomicBool) -> Result<(), Box<dyn Error>> {
+async fn change_tools(
+    drill: &HotConnect,
+    clock: &CycleClock,
+    is_in: &AtomicBool,
+) -> Result<(), Box<dyn Error>> {
     loop {
         is_in.store(true, Ordering::Relaxed);
+        drill.joined().await?;
         clock.sleep(IN).await?;
         is_in.store(false, Ordering::Relaxed);
+        drill.left().await?;
         clock.sleep(OUT).await?;
     }
-}
-
-fn slow() -> SetPoint {
-    SetPoint::new()
-        .velocity(40_000)
-        .acceleration(400_000)
-        .deceleration(400_000)
-}
-
-async fn to_and_fro(x: &Axis) -> Result<(), Box<dyn Error>> {
-    x.enable().await?;
-    let mode = x.profile_position().await?;
-    loop {
-        for way in [WAY, -WAY] {
-            mode.move_rel(way, slow()).await?.done().await?;
-        }
-    }
-}
-
-/// The tool comes, turns once, and goes.
-async fn use_once(drill: &HotConnect, spindle: &Axis) -> Result<(), Box<dyn Error>> {
-    drill.joined().await?;
-    say!("`{}` has joined", drill.name());
-    match turn(spindle).await {
-        Ok(position) => {
-            say!("the spindle has turned, and is at {position}");
-        }
-        // It was taken out meanwhile.
-        Err(error) => {
-            say!("{error}");
-        }
-    }
-    drill.left().await?;
-    say!("`{}` has left", drill.name());
-    Ok(())
-}
-
-async fn turn(spindle: &Axis) -> Result<i32, AxisError> {
-    spindle.enable().await?;
-    let mode = spindle.profile_position().await?;
-    let turned = mode.move_rel(HOLE, slow()).await?.done().await?;
-    spindle.disable().await?;
-    Ok(turned.position())
 }

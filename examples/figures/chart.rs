@@ -14,6 +14,9 @@ const WIDTH: u32 = 1000;
 const TITLE: u32 = 50;
 const INK: RGBColor = RGBColor(40, 44, 52);
 const GRID: RGBColor = RGBColor(225, 228, 232);
+const MOMENT: RGBColor = RGBColor(130, 135, 142);
+/// A line of text, as a part of the chart's height.
+const SHORTER: f64 = 0.055;
 
 /// What stands around the curves.
 pub(crate) struct Frame {
@@ -34,8 +37,26 @@ pub(crate) type Curve = (&'static str, RGBColor, Vec<(f64, f64)>);
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
+/// Moments, in their order, each a line upwards with its name at the top.
+#[derive(Default)]
+pub(crate) struct Moments {
+    /// How far up the lines go. Every other one is shorter by a line of text, so that it does not cross the name before it.
+    pub(crate) height: f64,
+    /// Where each is to the right, and its name.
+    pub(crate) named: Vec<(f64, &'static str)>,
+}
+
 /// Draws the curves into the frame's file and says where that is.
 pub(crate) fn draw(frame: &Frame, curves: impl IntoIterator<Item = Curve>) -> Result {
+    draw_with(frame, &Moments::default(), curves)
+}
+
+/// The same with these moments. A curve without a name goes on with the one before it.
+pub(crate) fn draw_with(
+    frame: &Frame,
+    moments: &Moments,
+    curves: impl IntoIterator<Item = Curve>,
+) -> Result {
     std::fs::create_dir_all(FOLDER)?;
     let file = PathBuf::from(FOLDER).join(frame.file);
     let root = SVGBackend::new(&file, (WIDTH, frame.height)).into_drawing_area();
@@ -59,9 +80,21 @@ pub(crate) fn draw(frame: &Frame, curves: impl IntoIterator<Item = Curve>) -> Re
         .y_label_formatter(&|y| format!("{y:.0}"))
         .label_style(style(13))
         .draw()?;
-    for (line, (name, color, points)) in (0..).zip(curves) {
-        let place = (frame.names.0, frame.names.1 + 20 * line);
-        body.draw(&Text::new(name, place, style(14).color(&color)))?;
+    for (number, &(at, name)) in moments.named.iter().enumerate() {
+        let Range { start, end } = frame.y.1;
+        let shorter = (number % 2) as f64 * SHORTER * (end - start);
+        let top = moments.height - shorter;
+        chart.draw_series(LineSeries::new([(at, start), (at, top)], MOMENT))?;
+        let (x, y) = chart.backend_coord(&(at, top));
+        root.draw(&Text::new(name, (x + 5, y - 1), style(13)))?;
+    }
+    let mut line = 0;
+    for (name, color, points) in curves {
+        if !name.is_empty() {
+            let place = (frame.names.0, frame.names.1 + 20 * line);
+            body.draw(&Text::new(name, place, style(14).color(&color)))?;
+            line += 1;
+        }
         chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
     }
     root.present()?;

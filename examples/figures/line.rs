@@ -7,7 +7,7 @@ use std::{
 
 use servocrab::{
     AxisConfig, DriveConfig, Network, Referencing,
-    bus::BusLoop,
+    bus::{BusLoop, NetworkBuilder},
     drives,
     link::Wire,
     units::{Mm, Ratio, Scale},
@@ -33,6 +33,13 @@ pub(crate) fn axis(name: &str) -> Result<AxisConfig> {
         .referencing(Referencing::UnreferencedMovesAllowed))
 }
 
+/// A drive with this axis.
+pub(crate) fn drive(axis: AxisConfig) -> DriveConfig {
+    let mut description = drives::generic();
+    description.traits.acknowledges_while_halted = true;
+    DriveConfig::new(description).axis(axis)
+}
+
 /// Where the axis of the drive at this place is, in mm.
 pub(crate) fn position(segment: &Segment, place: usize) -> f64 {
     let axis = segment.axis(place, 0);
@@ -42,20 +49,27 @@ pub(crate) fn position(segment: &Segment, place: usize) -> f64 {
 impl Line {
     /// With one axis for each drive of the segment.
     pub(crate) fn start(segment: Segment, axes: Vec<AxisConfig>) -> Result<Self> {
+        Self::declared(segment, |builder| {
+            (0..).zip(axes).fold(builder, |builder, (place, axis)| {
+                builder.drive(place, drive(axis))
+            })
+        })
+    }
+
+    /// With what is declared of the segment.
+    pub(crate) fn declared(
+        segment: Segment,
+        declare: impl FnOnce(NetworkBuilder) -> NetworkBuilder,
+    ) -> Result<Self> {
         let segment = Arc::new(Mutex::new(segment));
         let on_the_wire = Arc::clone(&segment);
         let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame, now| {
             lock(&on_the_wire).process(frame, now)
         });
-        let mut builder = Network::builder()
+        let builder = Network::builder()
             .link(wire)
             .cycle(Duration::from_millis(1));
-        for (place, axis) in (0..).zip(axes) {
-            let mut description = drives::generic();
-            description.traits.acknowledges_while_halted = true;
-            builder = builder.drive(place, DriveConfig::new(description).axis(axis));
-        }
-        let (starting, mut bus) = builder.split()?;
+        let (starting, mut bus) = declare(builder).split()?;
         let net = turn_until(&mut bus, starting.network())?;
         Ok(Self { segment, bus, net })
     }

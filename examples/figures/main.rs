@@ -12,6 +12,7 @@ mod picture;
 mod press;
 mod probe;
 mod scaling;
+mod tool_changer;
 
 use std::{
     error::Error,
@@ -73,7 +74,8 @@ fn main() -> Result {
     gantry::one_side_jams()?;
     press::contact()?;
     probe::edges()?;
-    scaling::shortest_cycle()
+    scaling::shortest_cycle()?;
+    tool_changer::comes_and_goes()
 }
 
 /// The 2010h document's first figure.
