@@ -76,7 +76,8 @@ pub enum NetworkEvent {
     },
     /// A device was plugged in that is not declared. It stays in INIT.
     Stranger(Arc<Present>),
-    /// What is plugged into a port does not bring frames back. The port was closed again, and stays closed for as long as it has a link.
+    /// What is plugged into a port does not bring frames back. The port was closed again. It is tried again after 5 s, and then more and more
+    /// seldom; at once when its link has been away.
     HalfPlugged {
         /// The device with the port.
         device: DriveId,

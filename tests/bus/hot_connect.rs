@@ -379,12 +379,27 @@ fn a_half_plugged_connector_stops_nobody() {
     machine.sees_x_moving();
     let counted = machine.rig.net().drive_statistics();
     assert!(counted[0].stale_cycles < 10, "{counted:?}");
+    // It is tried again after 5 s, and told of once.
+    machine.rig.run_for(4_000 * MS);
+    machine.sees_x_moving();
+    assert!(machine.events().is_empty());
+    let counted = machine.rig.net().drive_statistics();
+    assert!(counted[0].stale_cycles < 20, "{counted:?}");
     // It is pulled, and put in as it should be.
     machine.unplug();
     machine.rig.run_for(500 * MS);
     machine.plug_in();
     machine.joins("drill");
     machine.sees_x_moving();
+}
+
+#[test]
+fn a_connector_that_is_put_in_all_the_way_at_last_is_seen_without_being_pulled() {
+    let mut machine = Machine::drill(tool(DRILL), false);
+    machine.line.segment().half_plug(TOOL);
+    machine.rig.run_for(1_000 * MS);
+    machine.plug_in();
+    machine.joins("drill");
 }
 
 #[test]

@@ -366,6 +366,10 @@ impl HotConnecting {
 const PORTS_EVERY: Duration = Duration::from_millis(100);
 /// In so many looks a link must be there before its port is opened: a connector that is being put in has one now and then.
 const STEADY_LOOKS: u32 = 3;
+/// After so many looks a port is tried again from which frames did not come back, and at last each time after so many. Other trouble may have
+/// kept them back.
+const SECOND_TRY: u32 = 50;
+const LAST_TRIES: u32 = 3000;
 /// Within so many cycles all frames must be back once a port was opened.
 const TRIED_FOR: u64 = 3;
 /// How long its closing may wait for an answer, which need not come.
@@ -389,8 +393,14 @@ struct DevicePort {
 struct ClosedPort {
     at: DevicePort,
     looks: u32,
-    /// Frames that went out of it did not come back: it stays closed for as long as it has a link.
-    is_bad: bool,
+    /// It is opened after so many looks: more each time that frames which went out of it did not come back.
+    opened_after: u32,
+}
+
+impl ClosedPort {
+    const fn is_bad(&self) -> bool {
+        self.opened_after > STEADY_LOOKS
+    }
 }
 
 impl HotConnecting {
@@ -431,17 +441,24 @@ impl HotConnecting {
                         None if has_link && is_closed => closed.push(ClosedPort {
                             at,
                             looks: 1,
-                            is_bad: false,
+                            opened_after: STEADY_LOOKS,
                         }),
                         _ => closed.retain(|closed| closed.at != at),
                     }
                 }
             }
-            let bad = closed.iter().filter(|closed| closed.is_bad);
+            let bad = closed.iter().filter(|closed| closed.is_bad());
             let bad: Vec<_> = bad.map(|closed| closed.at).collect();
-            let is_due = |closed: &&mut ClosedPort| !closed.is_bad && closed.looks >= STEADY_LOOKS;
-            if let Some(port) = closed.iter_mut().find(is_due) {
-                port.is_bad = !self.open(port.at, &bad).await;
+            let is_due = |closed: &&mut ClosedPort| closed.looks >= closed.opened_after;
+            if let Some(port) = closed.iter_mut().find(is_due)
+                && !self.open(port.at, &bad).await
+            {
+                if !port.is_bad() {
+                    self.tell_of_half_plugged(port.at);
+                }
+                port.looks = 0;
+                let later = port.opened_after.saturating_mul(2);
+                port.opened_after = later.clamp(SECOND_TRY, LAST_TRIES);
             }
         }
     }
@@ -451,6 +468,7 @@ impl HotConnecting {
         let Recovery { context, .. } = &*self.recovery;
         let registers = &context.registers;
         let bad = bad.iter().filter(|bad| bad.station == port.station);
+        let bad = bad.filter(|bad| **bad != port);
         let open = bad.fold(AUTO_CLOSE, |control, bad| {
             control | CLOSED << (2 * bad.port)
         });
@@ -477,11 +495,13 @@ impl HotConnecting {
         let closed = [open | CLOSED << (2 * port.port)];
         let closing = registers.write(port.station, esc::PORTS, &closed);
         context.time.within(CLOSING, closing).await;
-        if let Some(device) = self.device_at(port.station) {
-            let port = port.port;
+        false
+    }
+
+    fn tell_of_half_plugged(&self, DevicePort { station, port }: DevicePort) {
+        if let Some(device) = self.device_at(station) {
             self.tell(NetworkEvent::HalfPlugged { device, port });
         }
-        false
     }
 
     /// The addresses of all devices that may be there: of a group that has left as a whole, one may answer still.
