@@ -1,6 +1,6 @@
 //! The programs that others publish with their masters: SOEM's `slaveinfo`, `eepromtool` and `simple_ng`, and ethercrab's `sdo-info`.
 //!
-//! Each is the authors' own, built unchanged. What it prints is compared with `drives.json` and with the simulated device itself.
+//! Each program is the authors' own. What it prints is compared with `drives.json` and with the simulated device itself.
 
 use std::{
     collections::BTreeMap,
@@ -169,8 +169,8 @@ fn dictionary(place: usize, part: &str, device: &Expected) -> String {
         .collect();
     let count = format!("CoE Object Description found, {} entries.", has.len());
     assert!(part.contains(&count), "{part}");
-    // It keeps 37 characters of a name, in quotes.
-    let short = |name: &str| name.chars().take(30).collect::<String>();
+    // SOEM keeps 40 characters of a name.
+    let short = |name: &str| name.chars().take(40).collect::<String>();
     let listed: Vec<_> = listed
         .iter()
         .map(|(&index, name)| (index, short(name)))
