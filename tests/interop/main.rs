@@ -10,6 +10,7 @@ mod namespace;
 mod programs;
 #[path = "../common/python.rs"]
 mod python;
+mod tools;
 
 use std::{
     io::{BufRead, BufReader},
