@@ -24,7 +24,7 @@ use clap::Parser;
 use interrupt::Interrupt;
 use servocrab::{
     Axis, AxisConfig, AxisError, DriveConfig, FailureClass, Network, Referencing, SetPoint,
-    bus::{CycleClock, DevicePlace, HotConnect},
+    bus::{CycleClock, DevicePlace, Expected, HotConnect},
     drives,
     link::Wire,
 };
@@ -73,6 +73,10 @@ async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn
         DriveConfig::new(drives::generic()).axis(axis)
     };
     let tool = DevicePlace::Alias(arguments.alias);
+    let couplers = 0..arguments.drive;
+    let network = couplers.fold(network, |network, position| {
+        network.expect(position, Expected::any())
+    });
     let start = network
         .cycle(Duration::from_millis(1))
         // Longer than a computer without real time keeps this thread waiting when it is busy.

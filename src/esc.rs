@@ -10,6 +10,8 @@ pub const STATION_ADDRESS: u16 = 0x0010;
 pub const STATION_ALIAS: u16 = 0x0012;
 /// DL control, second byte: the loop control of the ports, 0 for automatic.
 pub const PORTS: u16 = 0x0101;
+/// Written there: ports 1 to 3 close when they lose their link, and open when that is written again.
+pub const AUTO_CLOSE: u8 = 0x54;
 /// DL control, fourth byte: whether the alias is an address.
 pub const ALIAS_ADDRESSING: u16 = 0x0103;
 /// DL status: in pairs from bit 8 of each port whether it is closed, and whether it has communication.

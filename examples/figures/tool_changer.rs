@@ -5,7 +5,7 @@ use std::pin::pin;
 use plotters::prelude::RGBColor;
 use servocrab::{
     Axis, SetPoint,
-    bus::{DevicePlace, HotConnect, NetworkEvent},
+    bus::{DevicePlace, Expected, HotConnect, NetworkEvent},
     units::Mm,
 };
 use servocrab_sim::{
@@ -44,6 +44,7 @@ pub(crate) fn comes_and_goes() -> Result {
     let mut line = Line::declared(segment, |builder| {
         let tool = DevicePlace::Alias(ALIAS);
         builder
+            .expect(0, Expected::any())
             .drive(1, x)
             .optional("drill", |group| group.drive(tool, spindle))
     })?;

@@ -76,7 +76,7 @@ pub enum NetworkEvent {
     },
     /// A device was plugged in that is not declared. It stays in INIT.
     Stranger(Arc<Present>),
-    /// What is plugged into a port does not bring frames back. The port was closed again. It is tried again after 5 s, and then more and more
+    /// What is plugged into a port does not bring frames back, or takes part in them as a device of another line. The port was closed again. It is tried again after 5 s, and then more and more
     /// seldom; at once when its link has been away.
     HalfPlugged {
         /// The device with the port.
@@ -149,7 +149,8 @@ impl fmt::Display for NetworkEvent {
             }
             Self::HalfPlugged { device, port } => write!(
                 f,
-                "frames that went out of port {port} of {device} did not come back, and the port is closed: look at the connector there"
+                "what is plugged into port {port} of {device} disturbs the line, and the port is closed: look whether the connector is in all the \
+                 way, and switch a device off and on that comes from another line"
             ),
             Self::Clock { reference, event } => write!(f, "{reference}: {event}"),
         }

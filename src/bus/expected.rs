@@ -427,6 +427,8 @@ pub(super) fn locate(
                 found.push(at);
                 continue;
             }
+            // Its EEPROM cannot be read yet.
+            &[(_, device)] if device.id.identity == Identity::default() => continue,
             &[(_, device)] => (device, LineVerdict::Different),
             &[(_, device), ..] => {
                 let positions = meant.iter().map(|(_, device)| device.id.position);

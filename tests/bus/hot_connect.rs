@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use servocrab::{
     Failure, Network, NetworkError, Outcome, SetPoint,
-    bus::{DevicePlace, NetworkBuilder, NetworkEvent},
+    bus::{DevicePlace, Expected, NetworkBuilder, NetworkEvent},
     coe::{SdoError, obj},
     drives::{self, DriveDescription},
 };
@@ -59,7 +59,10 @@ impl Machine {
             segment.unplug(TOOL);
         }
         let line = Line::ideal(segment);
-        let builder = Network::builder().link(line.wire()).drive(1, akd2g());
+        let builder = Network::builder()
+            .link(line.wire())
+            .expect(0, Expected::any())
+            .drive(1, akd2g());
         let rig = Rig::start(declare(builder)).unwrap();
         Self { line, rig }
     }
@@ -448,6 +451,7 @@ fn a_tool_of_two_drives_is_there_as_a_whole_or_not_at_all() {
     let drive = |axis| unhomed(drives::pp2010(), &[axis]);
     let builder = Network::builder()
         .link(line.wire())
+        .expect(0, Expected::any())
         .drive(1, akd2g())
         .optional("head", |group| {
             group
@@ -565,7 +569,10 @@ fn what_is_wrong_at_the_start_is_told_then_and_the_others_start() {
     assert_eq!(segment.attach(0, 3, tool(DRILL)), Some(1));
     assert_eq!(segment.attach(0, 2, tool(DRILL)), Some(3));
     let line = Line::ideal(segment);
-    let builder = Network::builder().link(line.wire()).drive(1, akd2g());
+    let builder = Network::builder()
+        .link(line.wire())
+        .expect(0, Expected::any())
+        .drive(1, akd2g());
     let rig = Rig::start(optional(builder, "drill", DevicePlace::Alias(DRILL), "z")).unwrap();
     let machine = Machine { line, rig };
     let refusals = machine.refusals();
@@ -612,4 +619,94 @@ fn a_tool_that_says_late_who_it_is_joins_late() {
         machine.rig.moved("z", 5_000),
         Outcome::Reached { .. }
     ));
+}
+
+#[test]
+fn a_tool_out_for_a_moment_comes_back_disabled_however_long_its_watchdog_is() {
+    for out in [1, 50, 250] {
+        let mut machine = Machine::with(tool(DRILL), true, |builder| {
+            let builder = builder.watchdog(3_000 * MS);
+            optional(builder, "drill", DevicePlace::Alias(DRILL), "z")
+        });
+        let (_mode, z) = machine.rig.starts_a_long_move("z");
+        machine.rig.run_for(100 * MS);
+        machine.unplug();
+        machine.rig.run_for(out * MS);
+        machine.plug_in();
+        machine.leaves("drill");
+        machine.joins("drill");
+        machine.rig.run_for(100 * MS);
+        assert!(machine.rig.until(z.done()).is_err());
+        let state = machine.line.segment().axis(TOOL, 0).unwrap().state();
+        assert_ne!(state, State::OperationEnabled);
+    }
+}
+
+#[test]
+fn a_tool_is_never_taken_for_a_drive_of_its_kind_that_is_missing() {
+    let mut segment = Segment::new()
+        .with(personality::coupler())
+        .with(personality::pp2010());
+    assert_eq!(segment.attach(0, 3, tool(DRILL)), Some(TOOL));
+    segment.unplug(TOOL);
+    let line = Line::ideal(segment);
+    let builder = Network::builder()
+        .link(line.wire())
+        .expect(0, Expected::any())
+        .drive(1, unhomed(description(), &["x"]));
+    let rig = Rig::start(optional(builder, "drill", DevicePlace::Alias(DRILL), "z")).unwrap();
+    let mut machine = Machine { line, rig };
+    let mut segment = machine.line.segment();
+    segment.device_mut(BEHIND).unwrap().power_off();
+    drop(segment);
+    machine.rig.run_for(200 * MS);
+    machine.plug_in();
+    for _ in 0..30 {
+        assert!(machine.rig.recover(1).is_err());
+        machine.rig.run_for(20 * MS);
+    }
+    machine.joins("drill");
+    machine.sees_nothing_done();
+    assert!(machine.rig.recover(1).is_err());
+}
+
+#[test]
+fn a_tool_that_runs_with_the_address_of_a_drive_is_kept_out() {
+    // On another machine, in the place of the drive here.
+    let segment = Segment::new()
+        .with(personality::coupler())
+        .with(tool(DRILL));
+    let elsewhere = Line::ideal(segment);
+    let builder = Network::builder()
+        .link(elsewhere.wire())
+        .watchdog(6_000 * MS);
+    let builder = builder.drive(1, unhomed(description(), &["x"]));
+    let mut there = Rig::start(builder).unwrap();
+    let x = there.net().axis("x").unwrap();
+    there.until(x.enable()).unwrap();
+    let mut machine = Machine::drill(tool(DRILL), false);
+    let (_mode, _x) = machine.rig.starts_a_long_move("x");
+    there.run_for(machine.rig.bus.now().saturating_sub(there.bus.now()));
+    machine
+        .rig
+        .run_for(there.bus.now().saturating_sub(machine.rig.bus.now()));
+    // It is pulled there with its power kept.
+    std::mem::swap(
+        elsewhere.segment().device_mut(1).unwrap(),
+        machine.line.segment().device_mut(TOOL).unwrap(),
+    );
+    machine.plug_in();
+    machine.rig.run_for(3_000 * MS);
+    machine.sees_x_moving();
+    assert!(
+        machine
+            .line
+            .segment()
+            .axis(TOOL, 0)
+            .unwrap()
+            .ledger()
+            .is_empty()
+    );
+    let half = |event: &NetworkEvent| matches!(event, NetworkEvent::HalfPlugged { .. });
+    assert!(machine.events().iter().any(half));
 }

@@ -405,14 +405,14 @@ pub(in crate::bus) fn pack(
     packer.finish(mailboxes, distribution)
 }
 
-/// Where each drive lies in the logical address space: one behind the other, outputs before inputs.
-pub(in crate::bus) fn logical_addresses(sizes: &[(usize, usize)]) -> Vec<u32> {
-    let mut next = 0;
+/// Where each drive lies in the logical address space, from this on: one behind the other, outputs before inputs.
+pub(in crate::bus) fn logical_addresses(base: u32, sizes: &[(usize, usize)]) -> Vec<u32> {
+    let mut next = base;
     sizes
         .iter()
         .map(|(outputs, inputs)| {
             let here = next;
-            next += u32::try_from(outputs + inputs).unwrap_or(u32::MAX / 64);
+            next = next.saturating_add(u32::try_from(outputs + inputs).unwrap_or(u32::MAX / 64));
             here
         })
         .collect()

@@ -457,6 +457,17 @@ struct Seen {
     who: FoundAs,
 }
 
+impl Seen {
+    /// Whether it may come and go, where so many do not.
+    const fn is_optional(&self, lasting: usize) -> bool {
+        match self.who {
+            FoundAs::Known(number) => number >= lasting,
+            FoundAs::Nameless { .. } => false,
+            FoundAs::Optional { .. } => true,
+        }
+    }
+}
+
 /// Who it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FoundAs {
@@ -464,6 +475,8 @@ enum FoundAs {
     Known(usize),
     /// It has none of the line's, and is this one. After a power loss it is in INIT; otherwise it runs.
     Nameless { identity: Identity, runs: bool },
+    /// The same, and it says that it is one of those that may come and go.
+    Optional { identity: Identity },
 }
 
 /// The devices of a line, as they were numbered at the start.
@@ -471,8 +484,8 @@ enum FoundAs {
 pub(in crate::bus) struct KnownLine {
     /// Those that last.
     pub devices: Vec<DriveId>,
-    /// How many may come and go. They are numbered behind the others, and have the addresses behind theirs.
-    pub optional: usize,
+    /// How those are declared that may come and go. They are numbered behind the others, and have the addresses behind theirs.
+    pub optional: Vec<DevicePlace>,
 }
 
 impl KnownLine {
@@ -482,7 +495,7 @@ impl KnownLine {
 
     /// So many addresses are given to its devices.
     const fn addresses(&self) -> usize {
-        self.devices.len() + self.optional
+        self.devices.len() + self.optional.len()
     }
 
     /// Whether one that comes and goes has this number.
@@ -520,6 +533,16 @@ impl KnownLine {
         })
     }
 
+    /// Whether two devices have one address: one of them has it from another line.
+    pub async fn has_namesakes(registers: &Registers) -> Result<bool, RegisterError> {
+        let mut stations = stations_on_the_line(registers).await?;
+        stations.retain(|station| *station != 0);
+        let many = stations.len();
+        stations.sort_unstable();
+        stations.dedup();
+        Ok(stations.len() < many)
+    }
+
     /// Where the device with this address is now, where those that come and go are not counted.
     pub async fn place_of(
         &self,
@@ -541,7 +564,6 @@ impl KnownLine {
         &self,
         registers: &Registers,
         is_in_use: impl Fn(usize) -> bool,
-        places: &[DevicePlace],
         named: impl FnOnce(&[NewDevice]) -> (Vec<(usize, u16)>, T),
     ) -> Result<Option<T>, RegisterError> {
         let Some(seen) = look(registers, self).await? else {
@@ -559,15 +581,11 @@ impl KnownLine {
                     (identity.unwrap_or_default(), true)
                 }
                 FoundAs::Nameless { runs: true, .. } => continue,
-                FoundAs::Nameless { identity, .. } => (identity, false),
+                FoundAs::Nameless { identity, .. } | FoundAs::Optional { identity } => {
+                    (identity, false)
+                }
             };
-            let numbers = numbers(registers, seen.station, places).await?;
-            let id = DriveId {
-                position: to_position(at),
-                name: String::new(),
-                identity,
-            };
-            let present = Present { id, numbers };
+            let present = present(registers, (at, seen.station), identity, &self.optional).await?;
             let station = is_known.then_some(seen.station);
             new.push(NewDevice { present, station });
         }
@@ -610,8 +628,7 @@ async fn find_once(
     };
     let named = chosen.as_ref().ok().map(|at| (*at, own));
     settle(registers, &expected, &seen, named.as_slice()).await?;
-    let lasting =
-        |seen: &&Seen| !matches!(seen.who, FoundAs::Known(place) if line.is_optional(place));
+    let lasting = |seen: &&Seen| !seen.is_optional(line.devices.len());
     Ok(Some(chosen.map(|at| {
         to_position(seen.iter().take(at).filter(lasting).count())
     })))
@@ -630,7 +647,7 @@ async fn look(registers: &Registers, line: &KnownLine) -> Result<Option<Vec<Seen
     let Some(stations) = give_provisional(registers, line.addresses()).await? else {
         return Ok(None);
     };
-    let Some(seen) = identify(registers, &stations, line.addresses()).await? else {
+    let Some(seen) = identify(registers, &stations, line).await? else {
         return Ok(None);
     };
     // Who came or went meanwhile has moved the positions.
@@ -646,8 +663,10 @@ async fn settle(
     named: &[(usize, u16)],
 ) -> Result<(), RegisterError> {
     for (at, Seen { station, who }) in seen.iter().enumerate() {
-        let FoundAs::Nameless { runs, .. } = *who else {
-            continue;
+        let runs = match *who {
+            FoundAs::Known(_) => continue,
+            FoundAs::Nameless { runs, .. } => runs,
+            FoundAs::Optional { .. } => false,
         };
         if named.iter().any(|(named, _)| *named == at) {
             continue;
@@ -735,11 +754,11 @@ async fn give_name(registers: &Registers, station: u16, name: u16) -> Result<(),
 async fn identify(
     registers: &Registers,
     stations: &[u16],
-    addresses: usize,
+    line: &KnownLine,
 ) -> Result<Option<Vec<Seen>>, RegisterError> {
     let mut seen = Vec::with_capacity(stations.len());
-    for &station in stations {
-        let who = match place_at_start(station, addresses) {
+    for (at, &station) in stations.iter().enumerate() {
+        let who = match place_at_start(station, line.addresses()) {
             Some(place) => FoundAs::Known(place),
             None => {
                 let status = registers::status(registers, station).await?;
@@ -750,12 +769,32 @@ async fn identify(
                 }
                 // One that cannot be read is none of the line's.
                 let identity = identity.unwrap_or_default();
-                FoundAs::Nameless { identity, runs }
+                let present = present(registers, (at, station), identity, &line.optional).await?;
+                if line.optional.iter().any(|place| present.says(*place)) {
+                    FoundAs::Optional { identity }
+                } else {
+                    FoundAs::Nameless { identity, runs }
+                }
             }
         };
         seen.push(Seen { station, who });
     }
     Ok(Some(seen))
+}
+
+async fn present(
+    registers: &Registers,
+    (at, station): (usize, u16),
+    identity: Identity,
+    places: &[DevicePlace],
+) -> Result<Present, RegisterError> {
+    let id = DriveId {
+        position: to_position(at),
+        name: String::new(),
+        identity,
+    };
+    let numbers = numbers(registers, station, places).await?;
+    Ok(Present { id, numbers })
 }
 
 /// Who is wanted in place of a device: one of its kind with this serial number. Of which revision, the device that is there says; whoever
@@ -792,12 +831,14 @@ fn choose(expected: &[Identity], wanted: &DriveId, seen: &[Seen]) -> Result<usiz
         [] => {
             let mut behind = seen.iter().enumerate().filter(|(_, seen)| match seen.who {
                 FoundAs::Known(known) => known < place,
-                FoundAs::Nameless { .. } => false,
+                FoundAs::Nameless { .. } | FoundAs::Optional { .. } => false,
             });
             // What stands where it would be the next one.
-            let at = behind.next_back().map_or(0, |(at, _)| at + 1);
-            match seen.get(at).map(|seen| seen.who) {
-                Some(FoundAs::Nameless { identity, .. }) if identity != wanted.identity => {
+            let from = behind.next_back().map_or(0, |(at, _)| at + 1);
+            let mut next = seen.iter().enumerate().skip(from);
+            let next = next.find(|(_, seen)| !seen.is_optional(expected.len()));
+            match next.map(|(at, seen)| (at, seen.who)) {
+                Some((at, FoundAs::Nameless { identity, .. })) if identity != wanted.identity => {
                     let id = DriveId {
                         position: to_position(at),
                         name: String::new(),
@@ -886,6 +927,7 @@ impl FoundAs {
         match self {
             Self::Known(known) => *known == place,
             Self::Nameless { identity: own, .. } => own == identity,
+            Self::Optional { .. } => false,
         }
     }
 }

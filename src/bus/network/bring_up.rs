@@ -1,6 +1,12 @@
 //! The line from power-on to OP, as one future on the bus thread.
 
-use std::{ops::Range, rc::Rc, sync::Arc, time::Duration};
+use std::{
+    hash::{self, Hash, Hasher},
+    ops::Range,
+    rc::Rc,
+    sync::Arc,
+    time::Duration,
+};
 
 use async_task::Task;
 use tracing::Instrument;
@@ -96,7 +102,9 @@ async fn declared_of(
             ..present
         })
         .collect();
-    let places = expected::compare(&declared, &present, plan.complete)?;
+    // Where devices come and go, one that nobody expects may be what somebody has put in.
+    let is_complete = plan.complete || !plan.groups.is_empty();
+    let places = expected::compare(&declared, &present, is_complete)?;
     let found = places.into_iter().filter_map(|place| line.get(place));
     let found = found.cloned().collect();
     Ok(Declared {
@@ -140,7 +148,12 @@ pub(in crate::bus) async fn configure(
         drives.push(drive.await?);
     }
     let mut sizes: Vec<_> = drives.iter().map(Device::sizes).collect();
-    for (drive, logical) in drives.iter_mut().zip(logical_addresses(&sizes)) {
+    let base = if plan.groups.is_empty() {
+        0
+    } else {
+        base_of(&line)
+    };
+    for (drive, logical) in drives.iter_mut().zip(logical_addresses(base, &sizes)) {
         drive.logical = logical;
     }
     let drives = begin(context, drives, |context, mut drive| async move {
@@ -172,7 +185,7 @@ pub(in crate::bus) async fn configure(
     let mut ios = all(configured).await?;
     let behind = sizes.len();
     sizes.extend(ios.iter().map(Device::sizes));
-    let addresses = logical_addresses(&sizes);
+    let addresses = logical_addresses(base, &sizes);
     for (io, logical) in ios.iter_mut().zip(addresses.into_iter().skip(behind)) {
         io.logical = logical;
     }
@@ -211,11 +224,12 @@ pub(in crate::bus) async fn configure(
             groups.push((device.found.id.clone(), first..devices.len()));
         }
     }
-    let addresses = logical_addresses(&sizes).into_iter().skip(lasting);
+    let addresses = logical_addresses(base, &sizes).into_iter().skip(lasting);
     for (device, logical) in devices.iter_mut().skip(lasting).zip(addresses) {
         device.logical = logical;
     }
-    let optional = devices.len() - lasting;
+    let optional = devices.iter().skip(lasting).map(|device| device.place);
+    let optional = optional.collect();
     Ok(Ready {
         line: KnownLine {
             devices: line.into_iter().map(|found| found.id).collect(),
@@ -226,6 +240,16 @@ pub(in crate::bus) async fn configure(
         groups,
         clocks,
     })
+}
+
+/// Where the process data of a line begin that devices may come into from another one: there they are to lie elsewhere.
+fn base_of(line: &[Found]) -> u32 {
+    let mut hash = hash::DefaultHasher::new();
+    for found in line {
+        found.id.identity.hash(&mut hash);
+    }
+    // A multiple of what the process data of a line may take.
+    (hash.finish() as u32 & 0x7FFF) << 16
 }
 
 /// Reads the whole SII of these devices at the same time: the names of their inputs and outputs, which of other devices nobody needs.
@@ -309,7 +333,7 @@ pub(in crate::bus) async fn start_cycles(
     for place in *lasting..devices.len() {
         exchange.drives.take_away(place);
     }
-    let load = CableLoad::of(exchange.lengths(), line.devices.len() + line.optional);
+    let load = CableLoad::of(exchange.lengths(), line.devices.len() + line.optional.len());
     check_load(load, period)?;
     if load.is_tight(period) {
         tracing::warn!(

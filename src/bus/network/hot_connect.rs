@@ -21,7 +21,7 @@ use super::recovery::Recovery;
 use crate::{
     bus::{
         cycle::CycleClock,
-        error::NetworkError,
+        error::{NetworkError, RegisterError},
         event::NetworkEvent,
         expected::{self, DevicePlace, Expected, Present},
         line::{self, KnownLine, NewDevice},
@@ -30,6 +30,7 @@ use crate::{
     },
     coe::DriveId,
     esc,
+    sii::Identity,
 };
 
 /// How often the line is looked at.
@@ -64,7 +65,8 @@ impl HotConnect {
         &self.group.name
     }
 
-    /// Whether all of its devices are in OP.
+    /// Whether it has joined, and has not left since. A device of it that has left OP meanwhile is told by
+    /// [`LeftOp`](crate::bus::NetworkEvent::LeftOp), as of any other.
     #[must_use]
     pub fn is_joined(&self) -> bool {
         self.group.is_joined.load(Ordering::Acquire)
@@ -127,6 +129,14 @@ impl Group {
     }
 }
 
+/// What a look at the line has found.
+struct Arrivals {
+    /// These groups are there.
+    groups: Vec<usize>,
+    /// No other new device is there: it may say more later.
+    are_all: bool,
+}
+
 /// Lets groups join and leave.
 pub(super) struct HotConnecting {
     pub recovery: Rc<Recovery>,
@@ -149,7 +159,7 @@ impl HotConnecting {
                 .clone()
                 .for_each(|place| self.recovery.take_out(place));
         }
-        self.set_all_ports(AUTO_CLOSE).await?;
+        self.set_all_ports(esc::AUTO_CLOSE).await?;
         self.let_join().await;
         Ok(())
     }
@@ -193,9 +203,9 @@ impl HotConnecting {
         let Ok(Some(arrivals)) = self.search().await else {
             return false;
         };
-        // Who is nobody now may say more later.
-        let mut is_done = self.strangers.borrow().is_empty();
-        for group in arrivals.into_iter().filter_map(|at| self.groups.get(at)) {
+        let mut is_done = arrivals.are_all;
+        let groups = arrivals.groups.into_iter();
+        for group in groups.filter_map(|at| self.groups.get(at)) {
             match self.join(group).await {
                 Ok(()) => {
                     group.trouble.borrow_mut().clear();
@@ -217,11 +227,9 @@ impl HotConnecting {
     }
 
     /// Looks which absent groups are there, and gives their devices their addresses.
-    async fn search(&self) -> Result<Option<Vec<usize>>, NetworkError> {
+    async fn search(&self) -> Result<Option<Arrivals>, NetworkError> {
         let recovery = &self.recovery;
         let _searching = recovery.search.lock().await;
-        let declared = self.groups.iter().flat_map(|group| &group.declared);
-        let places: Vec<_> = declared.map(|(place, _)| *place).collect();
         let registers = &recovery.context.registers;
         let line = recovery.line.borrow().clone();
         let lasting = line.devices.len();
@@ -229,15 +237,15 @@ impl HotConnecting {
         let members = joined.flat_map(|group| group.places.clone());
         let members: Vec<_> = members.map(|place| self.number(place)).collect();
         let is_in_use = |number| number < lasting || members.contains(&number);
-        let found = line.name_new_ones(registers, is_in_use, &places, |new| self.recognise(new));
+        let found = line.name_new_ones(registers, is_in_use, |new| self.recognise(new));
         found.await.map_err(NetworkError::Line)
     }
 
-    /// Which of these devices get which addresses, and which groups are there by that.
-    fn recognise(&self, new: &[NewDevice]) -> (Vec<(usize, u16)>, Vec<usize>) {
+    /// Which of these devices get which addresses, and what is there by that.
+    fn recognise(&self, new: &[NewDevice]) -> (Vec<(usize, u16)>, Arrivals) {
         let there: Vec<_> = new.iter().map(|device| device.present.clone()).collect();
         let mut named = Vec::new();
-        let mut arrivals = Vec::new();
+        let mut groups = Vec::new();
         for (number, group) in self.groups.iter().enumerate() {
             if group.is_joined() {
                 continue;
@@ -247,13 +255,14 @@ impl HotConnecting {
                 Ok(Some(places)) => {
                     let stations = group.places.clone().map(|place| self.station(place));
                     named.extend(places.into_iter().zip(stations));
-                    arrivals.push(number);
+                    groups.push(number);
                 }
                 Err(mismatch) => self.complain(group, &mismatch.into()),
             }
         }
         self.tell_of_strangers(new);
-        (named, arrivals)
+        let are_all = named.len() == new.len();
+        (named, Arrivals { groups, are_all })
     }
 
     /// Tells of those that are nobody's, each once as long as it is there. One that has just been switched on may not say yet who it is.
@@ -265,14 +274,20 @@ impl HotConnecting {
             let is_meant = declared.any(|(place, _)| present.says(*place));
             let line = self.recovery.line.borrow();
             let mut lasting = line.devices.iter();
-            let may_be_lasting = lasting.any(|device| device.identity == present.id.identity);
+            let Identity {
+                vendor, product, ..
+            } = present.id.identity;
+            // It may be one that is to be recovered, or that is to replace one.
+            let may_be_lasting =
+                lasting.any(|one| (one.identity.vendor, one.identity.product) == (vendor, product));
             if station.is_some() || is_meant || may_be_lasting {
                 continue;
             }
             let before = self.strangers.borrow();
             let mut before = before.iter();
             let before = before.find_map(|(known, told)| (known == present).then_some(*told));
-            if before == Some(false) {
+            // One whose EEPROM cannot be read says nothing yet.
+            if before == Some(false) && present.id.identity != Identity::default() {
                 self.tell(NetworkEvent::Stranger(Arc::new(present.clone())));
             }
             strangers.push((present.clone(), before.is_some()));
@@ -352,6 +367,13 @@ impl HotConnecting {
         self.recovery.control.report(event);
     }
 
+    /// Whether the last cycle brought all frames, and no device counts in them that nobody knows.
+    fn is_undisturbed(&self) -> bool {
+        let cycle = self.recovery.context.cycle.borrow();
+        let last = cycle.as_ref().map(|cycle| cycle.last);
+        last.is_some_and(|last| last.al_status.is_some() && !last.wrong)
+    }
+
     /// How many devices answered in the last cycle.
     fn count(&self) -> Option<u16> {
         let cycle = self.recovery.context.cycle.borrow();
@@ -374,8 +396,6 @@ const LAST_TRIES: u32 = 3000;
 const TRIED_FOR: u64 = 3;
 /// How long its closing may wait for an answer, which need not come.
 const CLOSING: Duration = Duration::from_millis(50);
-/// Of DL control 0101h: ports 1 to 3 close when they lose their link, and open when that is written again (ESC data sheet, section II).
-const AUTO_CLOSE: u8 = 0x54;
 /// Of DL control 0101h, both bits of a port: closed.
 const CLOSED: u8 = 0x03;
 /// Of DL status 0110h: port 0 has a link; its loop is closed.
@@ -463,13 +483,14 @@ impl HotConnecting {
         }
     }
 
-    /// Opens a port, and closes it again if frames do not come back then. Those that are bad stay closed.
+    /// Opens a port, and closes it again if what is plugged in disturbs the line. Those that are bad stay closed.
     async fn open(&self, port: DevicePort, bad: &[DevicePort]) -> bool {
         let Recovery { context, .. } = &*self.recovery;
         let registers = &context.registers;
+        self.let_the_silent_leave().await;
         let bad = bad.iter().filter(|bad| bad.station == port.station);
         let bad = bad.filter(|bad| **bad != port);
-        let open = bad.fold(AUTO_CLOSE, |control, bad| {
+        let open = bad.fold(esc::AUTO_CLOSE, |control, bad| {
             control | CLOSED << (2 * bad.port)
         });
         let opening = registers.write(port.station, esc::PORTS, slice::from_ref(&open));
@@ -485,17 +506,31 @@ impl HotConnecting {
             let mut are_back = false;
             while cycles.get() < opened + TRIED_FOR {
                 context.time.sleep(self.recovery.period / 2).await;
-                are_back |= cycles.get() > opened && self.count().is_some();
+                are_back |= cycles.get() > opened && self.is_undisturbed();
             }
             are_back
         };
-        if smol::future::or(opening, tried).await {
+        let is_undisturbed = smol::future::or(opening, tried).await;
+        if is_undisturbed && KnownLine::has_namesakes(registers).await != Ok(true) {
             return true;
         }
         let closed = [open | CLOSED << (2 * port.port)];
         let closing = registers.write(port.station, esc::PORTS, &closed);
         context.time.within(CLOSING, closing).await;
         false
+    }
+
+    /// A tool that does not answer may be behind the port that is to be opened. It comes back as one that was out, however long the program
+    /// would have waited for it.
+    async fn let_the_silent_leave(&self) {
+        for group in self.groups.iter().filter(|group| group.is_joined()) {
+            for place in group.places.clone() {
+                let status = self.recovery.status(self.station(place)).await;
+                if status == Err(RegisterError::NotAnswered) && group.is_joined() {
+                    self.leave(group).await;
+                }
+            }
+        }
     }
 
     fn tell_of_half_plugged(&self, DevicePort { station, port }: DevicePort) {

@@ -39,6 +39,7 @@ use crate::{
         watch::{Control, data_of, note_state},
     },
     coe::DriveId,
+    esc,
     parameters::ParameterSet,
     sii::SiiImage,
 };
@@ -232,6 +233,7 @@ impl Recovery {
         self.axes.borrow_mut().forget(place);
         self.cut_off(place);
         device.enter_pre_op(&self.context).await?;
+        self.take_ports(device).await?;
         self.set_clock(member, device).await?;
         // It stays as it was at the start if this fails.
         let mut anew = device.clone();
@@ -247,6 +249,17 @@ impl Recovery {
         self.set_up(place, member, device, &mut anew).await?;
         *device = anew;
         Ok(())
+    }
+
+    /// Where devices come and go, its ports open and close as those of all others.
+    async fn take_ports(&self, device: &Device) -> Result<(), NetworkError> {
+        if self.line.borrow().optional.is_empty() {
+            return Ok(());
+        }
+        let Found { station, id, .. } = &device.found;
+        let registers = &self.context.registers;
+        let set = registers.write(*station, esc::PORTS, &[esc::AUTO_CLOSE]);
+        set.await.at(BringUpStep::Identity).of(id)
     }
 
     /// From PREOP into OP, with the process data that it had at the start.
