@@ -538,7 +538,7 @@ fn members() -> impl Strategy<Value = Vec<Member>> {
             patience,
             leaves: false,
         };
-        let placed = members.into_iter().zip(logical_addresses(&sizes));
+        let placed = members.into_iter().zip(logical_addresses(0, &sizes));
         placed.map(of).collect()
     })
 }
