@@ -413,7 +413,7 @@ fn power_lost_anywhere_in_a_join_leaves_it_absent_until_it_joins_anew() {
     whole.joins("drill");
     let takes = whole.rig.bus.now() - plugged;
     // From before its port is opened on.
-    for before_the_end in 0..60 {
+    for before_the_end in (0..60).step_by(2) {
         let mut machine = Machine::drill(tool(DRILL), false);
         let (_mode, _x) = machine.rig.starts_a_long_move("x");
         machine.plug_in();
