@@ -312,6 +312,6 @@ def back_to_init(bench):
     bench.slave.dc_sync(False, DC_CYCLE_NS)
     for state in (pysoem.SAFEOP_STATE, pysoem.PREOP_STATE, pysoem.INIT_STATE):
         # It may have left OP when SYNC0 went off, and stays where it is until its error is acknowledged.
-        bench.request(state + pysoem.STATE_ACK)
+        bench.request(state, acknowledge=True)
         until(f"state {state}", lambda: bench.state() == state)
     return "INIT"
