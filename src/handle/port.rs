@@ -165,6 +165,10 @@ impl AxisPort {
         self.is_absent = is_absent;
     }
 
+    pub(crate) const fn is_absent(&self) -> bool {
+        self.is_absent
+    }
+
     /// Begins again with its core, which it restarts: whatever handles have asked for or set before does not come into effect
     /// any more.
     pub(crate) fn restart(

@@ -58,12 +58,14 @@ impl Machine {
         if !is_in {
             segment.unplug(TOOL);
         }
+        Self::of(segment, |builder| declare(builder.drive(1, akd2g())))
+    }
+
+    /// Of these devices, the first of which is a coupler.
+    fn of(segment: Segment, declare: impl FnOnce(NetworkBuilder) -> NetworkBuilder) -> Self {
         let line = Line::ideal(segment);
-        let builder = Network::builder()
-            .link(line.wire())
-            .expect(0, Expected::any())
-            .drive(1, akd2g());
-        let rig = Rig::start(declare(builder)).unwrap();
+        let builder = Network::builder().link(line.wire());
+        let rig = Rig::start(declare(builder.expect(0, Expected::any()))).unwrap();
         Self { line, rig }
     }
 
@@ -447,19 +449,14 @@ fn a_tool_of_two_drives_is_there_as_a_whole_or_not_at_all() {
         .with(personality::akd2g());
     assert_eq!(segment.attach(0, 3, tool(DRILL)), Some(1));
     assert_eq!(segment.attach(1, 1, tool(SAW)), Some(2));
-    let line = Line::ideal(segment);
     let drive = |axis| unhomed(drives::pp2010(), &[axis]);
-    let builder = Network::builder()
-        .link(line.wire())
-        .expect(0, Expected::any())
-        .drive(1, akd2g())
-        .optional("head", |group| {
+    let mut machine = Machine::of(segment, |builder| {
+        builder.drive(1, akd2g()).optional("head", |group| {
             group
                 .drive(DevicePlace::Alias(DRILL), drive("z"))
                 .drive(DevicePlace::Alias(SAW), drive("w"))
-        });
-    let rig = Rig::start(builder).unwrap();
-    let mut machine = Machine { line, rig };
+        })
+    });
     machine.joins("head");
     let (mode, z) = machine.rig.starts_a_long_move("z");
     machine.line.segment().unplug(2);
@@ -568,13 +565,10 @@ fn what_is_wrong_at_the_start_is_told_then_and_the_others_start() {
         .with(personality::akd2g());
     assert_eq!(segment.attach(0, 3, tool(DRILL)), Some(1));
     assert_eq!(segment.attach(0, 2, tool(DRILL)), Some(3));
-    let line = Line::ideal(segment);
-    let builder = Network::builder()
-        .link(line.wire())
-        .expect(0, Expected::any())
-        .drive(1, akd2g());
-    let rig = Rig::start(optional(builder, "drill", DevicePlace::Alias(DRILL), "z")).unwrap();
-    let machine = Machine { line, rig };
+    let machine = Machine::of(segment, |builder| {
+        let builder = builder.drive(1, akd2g());
+        optional(builder, "drill", DevicePlace::Alias(DRILL), "z")
+    });
     let refusals = machine.refusals();
     assert_eq!(refusals.len(), 1, "{refusals:?}");
     assert!(
@@ -649,13 +643,10 @@ fn a_tool_is_never_taken_for_a_drive_of_its_kind_that_is_missing() {
         .with(personality::pp2010());
     assert_eq!(segment.attach(0, 3, tool(DRILL)), Some(TOOL));
     segment.unplug(TOOL);
-    let line = Line::ideal(segment);
-    let builder = Network::builder()
-        .link(line.wire())
-        .expect(0, Expected::any())
-        .drive(1, unhomed(description(), &["x"]));
-    let rig = Rig::start(optional(builder, "drill", DevicePlace::Alias(DRILL), "z")).unwrap();
-    let mut machine = Machine { line, rig };
+    let mut machine = Machine::of(segment, |builder| {
+        let builder = builder.drive(1, unhomed(description(), &["x"]));
+        optional(builder, "drill", DevicePlace::Alias(DRILL), "z")
+    });
     let mut segment = machine.line.segment();
     segment.device_mut(BEHIND).unwrap().power_off();
     drop(segment);

@@ -66,8 +66,6 @@ pub(in crate::bus) struct Device {
     pub progress: Rc<Progress>,
     /// Whether it takes LRW.
     lrw: bool,
-    /// Whether it may come and go.
-    leaves: bool,
     /// Silent cycles after which an I/O device counts as lost.
     patience: u32,
     /// The watchdog's time; none if the program does without.
@@ -125,7 +123,6 @@ impl Device {
             drive.declare_axes().of(&device.found.id)?;
         }
         device.mailbox = Some(mailbox);
-        device.leaves = true;
         Ok(device)
     }
 
@@ -197,7 +194,6 @@ impl Device {
             logical: 0,
             progress,
             lrw: true,
-            leaves: false,
             patience: watchdog.loss(cycle).stale_cycles,
             watchdog: watchdog.time(cycle),
             start_up,
@@ -247,8 +243,8 @@ impl Device {
         same && self.lrw == other.lrw
     }
 
-    /// Its part in the exchange.
-    pub fn member(&self) -> Member {
+    /// Its part in the exchange, where it may come and go or not.
+    pub fn member(&self, leaves: bool) -> Member {
         let (outputs, inputs) = self.sizes();
         let (marker, patience) = match &self.kind {
             DeviceKind::Drive(drive) => {
@@ -265,7 +261,7 @@ impl Device {
             lrw: self.lrw,
             marker,
             patience,
-            leaves: self.leaves,
+            leaves,
         }
     }
 

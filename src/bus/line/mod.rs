@@ -152,22 +152,33 @@ impl Found {
 
     /// The device that stands in its place now, in INIT, by its station address.
     pub async fn successor(&self, registers: &Registers) -> Result<Self, StepError> {
+        let place = (self.id.position, self.station);
+        let (found, _) = Self::identify(registers, place).await?;
+        Ok(found)
+    }
+
+    /// Reads who it is, and what configuration needs of its SII. Whether its EEPROM was taken from its processor for that.
+    async fn identify(
+        registers: &Registers,
+        (position, station): (u16, u16),
+    ) -> Result<(Self, bool), StepError> {
         let step = BringUpStep::Sii;
-        eeprom::take_over(registers, self.station).await.at(step)?;
+        let is_forced = eeprom::take_over(registers, station).await.at(step)?;
         let mut bytes = SiiBytes::new();
-        let (sii, name) = eeprom::read(registers, self.station, &mut bytes)
-            .await
-            .at(step)?;
-        Ok(Self {
-            station: self.station,
-            id: DriveId {
-                position: self.id.position,
-                name,
-                identity: sii.identity,
-            },
+        let read = eeprom::read(registers, station, &mut bytes).await;
+        let (sii, name) = read.at(step)?;
+        let id = DriveId {
+            position,
+            name,
+            identity: sii.identity,
+        };
+        let found = Self {
+            station,
+            id,
             sii: Rc::new(sii),
             bytes,
-        })
+        };
+        Ok((found, is_forced))
     }
 
     /// From INIT to PREOP: the device gets its EEPROM, and the sync managers of its mailbox.
@@ -403,36 +414,23 @@ pub(in crate::bus) fn loop_is_gone() -> NetworkError {
 /// One SubDevice in INIT: who it is, and what configuration needs of its SII.
 async fn find(context: Context, position: u16, station: u16) -> Result<Found, NetworkError> {
     let registers = &context.registers;
-    let mut id = DriveId {
+    let unknown = DriveId {
         position,
         name: String::new(),
         identity: Identity::default(),
     };
-    let mut bytes = SiiBytes::new();
     let steps = async {
         registers::reach(registers, station, AlState::Init, INIT_LIMIT)
             .await
             .at(BringUpStep::State(AlState::Init))?;
-        let step = BringUpStep::Sii;
-        let forced = eeprom::take_over(registers, station).await.at(step)?;
-        let (sii, name) = eeprom::read(registers, station, &mut bytes)
-            .await
-            .at(step)?;
-        Ok((forced, sii, name))
+        Found::identify(registers, (position, station)).await
     };
-    let (forced, sii, name) = steps.await.of(&id)?;
-    id.identity = sii.identity;
-    id.name = name;
-    if forced {
-        let note = LogRecord::EepromForced(Arc::new(id.clone()));
+    let (found, is_forced) = steps.await.of(&unknown)?;
+    if is_forced {
+        let note = LogRecord::EepromForced(Arc::new(found.id.clone()));
         context.log.record(context.time.now(), note);
     }
-    Ok(Found {
-        station,
-        id,
-        sii: Rc::new(sii),
-        bytes,
-    })
+    Ok(found)
 }
 
 // Where in the line a device is that was without power: it has lost its station address, and others may be missing.
@@ -468,7 +466,7 @@ impl Seen {
     }
 }
 
-/// Who it is.
+/// Which device of the line, if any.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FoundAs {
     /// It has kept its address: this is its place at the start.

@@ -63,8 +63,6 @@ struct RunningAxis {
     brake: Option<UndeclaredBrake>,
     /// How far it is on its way to be disabled for good.
     leaving: Leaving,
-    /// Its drive is of an optional group that is not in the line.
-    is_absent: bool,
 }
 
 /// Watches the following error of an axis.
@@ -211,7 +209,6 @@ impl Axes {
                             patience: axis.config.deadlines.standstill,
                         }),
                     leaving: Leaving::No,
-                    is_absent: false,
                 });
             }
             held.push((place, drive.held.clone()));
@@ -262,19 +259,17 @@ impl Axes {
 
     /// The drive at this place is not in the line, or is again. Of one that has gone nobody waits for its axes at the end.
     pub fn set_absent(&mut self, place: usize, is_absent: bool) {
-        for axis in self.of_drive(place) {
-            axis.is_absent = is_absent;
-            axis.port.set_absent(is_absent);
-        }
+        self.of_drive(place)
+            .for_each(|axis| axis.port.set_absent(is_absent));
     }
 
     /// Whether the drive at this place is of an optional group that is not in the line.
     pub fn is_absent(&self, place: usize) -> bool {
         let mut axes = self.axes.iter();
-        axes.any(|axis| axis.drive == place && axis.is_absent)
+        axes.any(|axis| axis.drive == place && axis.port.is_absent())
     }
 
-    /// What the outputs of the drive at this place begin with from now on.
+    /// The drive at this place begins with these outputs from now on.
     pub fn hold(&mut self, place: usize, held: HeldOutputs) {
         let mut places = self.held.iter_mut();
         if let Some((_, before)) = places.find(|(drive, _)| *drive == place) {
@@ -325,7 +320,7 @@ impl Axes {
     /// The axes that may be moving: what answers and is powered or does not stand, and what does not answer and was so when it did last.
     pub fn moving(&self) -> impl Iterator<Item = MovingAxis> {
         let all = self.axes.iter().zip(&self.recorded);
-        let there = all.filter(|(axis, _)| !axis.is_absent);
+        let there = all.filter(|(axis, _)| !axis.port.is_absent());
         there.filter_map(move |(axis, recorded)| {
             let snapshot = axis.core.snapshot();
             let answers = snapshot.answered || !snapshot.lost;
@@ -475,7 +470,7 @@ impl Stepper for Rc<RefCell<Axes>> {
                 continue;
             };
             if let Some(snapshot) = axis.port.pass(&mut axis.core, change)
-                && !axis.is_absent
+                && !axis.port.is_absent()
             {
                 this.transitions.look(now, index, &snapshot);
             }

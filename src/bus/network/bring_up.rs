@@ -312,7 +312,9 @@ pub(in crate::bus) async fn start_cycles(
         clocks,
         ..
     } = ready;
-    let members: Vec<_> = devices.iter().map(Device::member).collect();
+    let members = (0..).zip(devices);
+    let members = members.map(|(place, device)| device.member(place >= *lasting));
+    let members: Vec<_> = members.collect();
     context.counters.count_drives(members.len());
     let mailboxes = devices.iter().filter_map(|device| {
         Some(Watched {

@@ -55,10 +55,6 @@ pub struct HotConnect {
 }
 
 impl HotConnect {
-    pub(super) const fn new(group: Arc<GroupState>, clock: CycleClock) -> Self {
-        Self { group, clock }
-    }
-
     /// The name of the group.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -69,7 +65,7 @@ impl HotConnect {
     /// [`LeftOp`](crate::bus::NetworkEvent::LeftOp), as of any other.
     #[must_use]
     pub fn is_joined(&self) -> bool {
-        self.group.is_joined.load(Ordering::Acquire)
+        self.group.is_joined()
     }
 
     /// Waits until it has joined. Its axes are disabled then, and not referenced.
@@ -108,30 +104,53 @@ impl GroupState {
         let is_joined = AtomicBool::new(false);
         Arc::new(Self { name, is_joined })
     }
+
+    pub fn handle(self: &Arc<Self>, clock: CycleClock) -> HotConnect {
+        let group = Arc::clone(self);
+        HotConnect { group, clock }
+    }
+
+    fn is_joined(&self) -> bool {
+        self.is_joined.load(Ordering::Acquire)
+    }
 }
 
 /// A group, on the bus thread.
 pub(super) struct Group {
-    pub state: Arc<GroupState>,
+    state: Arc<GroupState>,
     /// Its first drive.
-    pub first: DriveId,
+    first: DriveId,
     /// The places of its devices in the exchange.
-    pub places: Range<usize>,
-    /// What they are declared as.
-    pub declared: Vec<(DevicePlace, Expected)>,
+    places: Range<usize>,
+    /// How they are declared.
+    declared: Vec<(DevicePlace, Expected)>,
     /// Why it could not join the last time: told once.
-    pub trouble: RefCell<String>,
+    trouble: RefCell<String>,
 }
 
 impl Group {
+    pub fn new(
+        state: Arc<GroupState>,
+        first: DriveId,
+        places: Range<usize>,
+        declared: Vec<(DevicePlace, Expected)>,
+    ) -> Self {
+        Self {
+            state,
+            first,
+            places,
+            declared,
+            trouble: RefCell::default(),
+        }
+    }
+
     fn is_joined(&self) -> bool {
-        self.state.is_joined.load(Ordering::Acquire)
+        self.state.is_joined()
     }
 }
 
-/// What a look at the line has found.
+/// The groups that a look at the line has found.
 struct Arrivals {
-    /// These groups are there.
     groups: Vec<usize>,
     /// No other new device is there: it may say more later.
     are_all: bool,
@@ -139,26 +158,31 @@ struct Arrivals {
 
 /// Lets groups join and leave.
 pub(super) struct HotConnecting {
-    pub recovery: Rc<Recovery>,
-    pub groups: Vec<Group>,
-    /// What the AL states of the line are when all is well: another with each device that joins or leaves.
-    pub usual: Rc<Cell<Option<(u8, u16)>>>,
-    /// Who was nobody at the last look, and whether that was told.
-    pub strangers: RefCell<Vec<(Present, bool)>>,
+    recovery: Rc<Recovery>,
+    groups: Vec<Group>,
+    /// The AL states of the line OR-ed together and how many they are, when all is well: others with each device that joins or leaves.
+    pub usual: Cell<Option<(u8, u16)>>,
+    /// Devices that nobody declares, as of the last look, each with whether it was told of.
+    strangers: RefCell<Vec<(Present, bool)>>,
 }
 
 impl HotConnecting {
+    pub const fn new(recovery: Rc<Recovery>, groups: Vec<Group>) -> Self {
+        Self {
+            recovery,
+            groups,
+            usual: Cell::new(None),
+            strangers: RefCell::new(Vec::new()),
+        }
+    }
+
     /// Lets those join that are there at the start.
     pub async fn begin(&self) -> Result<(), NetworkError> {
         if self.groups.is_empty() {
             return Ok(());
         }
-        for group in &self.groups {
-            group
-                .places
-                .clone()
-                .for_each(|place| self.recovery.take_out(place));
-        }
+        let members = self.groups.iter().flat_map(|group| group.places.clone());
+        members.for_each(|place| self.recovery.take_out(place));
         self.set_all_ports(esc::AUTO_CLOSE).await?;
         self.let_join().await;
         Ok(())
@@ -327,20 +351,29 @@ impl HotConnecting {
 
     /// From now on it is absent. What is left of it goes to INIT.
     async fn take_out(&self, group: &Group) {
-        for place in group.places.clone() {
-            self.recovery.take_out(place);
-        }
-        for place in group.places.clone() {
-            let registers = &self.recovery.context.registers;
+        let registers = &self.recovery.context.registers;
+        // All of them before anything is waited for.
+        let places = || group.places.clone();
+        places().for_each(|place| self.recovery.take_out(place));
+        for place in places() {
             // Nobody there need answer.
             let _ = line::set_back(registers, self.station(place)).await;
         }
     }
 
+    /// Where the devices of groups begin in the exchange.
+    fn first_place(&self) -> usize {
+        self.groups.first().map_or(0, |group| group.places.start)
+    }
+
+    fn lasting(&self) -> usize {
+        self.recovery.line.borrow().devices.len()
+    }
+
     /// The number of the device at this place of the exchange.
     fn number(&self, place: usize) -> usize {
-        let first = self.groups.first().map_or(0, |group| group.places.start);
-        self.lasting().saturating_add(place.saturating_sub(first))
+        let member = place.saturating_sub(self.first_place());
+        self.lasting().saturating_add(member)
     }
 
     fn station(&self, place: usize) -> u16 {
@@ -405,8 +438,15 @@ const LOOP_CLOSED: u16 = 0x0100;
 /// A port of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct DevicePort {
-    station: u16,
+    /// The number of the device.
+    device: usize,
     port: u8,
+}
+
+impl DevicePort {
+    fn station(self) -> u16 {
+        KnownLine::station_of(self.device)
+    }
 }
 
 /// A port whose loop is closed although it has a link.
@@ -443,16 +483,18 @@ impl HotConnecting {
         let mut closed: Vec<ClosedPort> = Vec::new();
         loop {
             context.time.sleep(PORTS_EVERY).await;
-            let looks = self.stations().map(|station| {
+            // Of a group that has left as a whole, one may answer still.
+            let looks = (0..self.devices()).map(|device| {
                 let registers = context.registers.clone();
-                async move { (station, registers.read(station, esc::DL_STATUS).await) }
+                let station = KnownLine::station_of(device);
+                async move { (device, registers.read(station, esc::DL_STATUS).await) }
             });
-            for (station, status) in at_once(context, looks).await {
+            for (device, status) in at_once(context, looks).await {
                 let Ok(status) = status.map(u16::from_le_bytes) else {
                     continue;
                 };
                 for port in 1..4 {
-                    let at = DevicePort { station, port };
+                    let at = DevicePort { device, port };
                     let has_link = status & (LINK << port) != 0;
                     let is_closed = status & (LOOP_CLOSED << (2 * port)) != 0;
                     let known = closed.iter_mut().find(|closed| closed.at == at);
@@ -488,12 +530,12 @@ impl HotConnecting {
         let Recovery { context, .. } = &*self.recovery;
         let registers = &context.registers;
         self.let_the_silent_leave().await;
-        let bad = bad.iter().filter(|bad| bad.station == port.station);
+        let bad = bad.iter().filter(|bad| bad.device == port.device);
         let bad = bad.filter(|bad| **bad != port);
         let open = bad.fold(esc::AUTO_CLOSE, |control, bad| {
             control | CLOSED << (2 * bad.port)
         });
-        let opening = registers.write(port.station, esc::PORTS, slice::from_ref(&open));
+        let opening = registers.write(port.station(), esc::PORTS, slice::from_ref(&open));
         let opening = async {
             // The frame that opens it may be the first one that is lost.
             let _ = opening.await;
@@ -515,7 +557,7 @@ impl HotConnecting {
             return true;
         }
         let closed = [open | CLOSED << (2 * port.port)];
-        let closing = registers.write(port.station, esc::PORTS, &closed);
+        let closing = registers.write(port.station(), esc::PORTS, &closed);
         context.time.within(CLOSING, closing).await;
         false
     }
@@ -524,40 +566,34 @@ impl HotConnecting {
     /// would have waited for it.
     async fn let_the_silent_leave(&self) {
         for group in self.groups.iter().filter(|group| group.is_joined()) {
+            let mut is_silent = false;
             for place in group.places.clone() {
                 let status = self.recovery.status(self.station(place)).await;
-                if status == Err(RegisterError::NotAnswered) && group.is_joined() {
-                    self.leave(group).await;
-                }
+                is_silent |= status == Err(RegisterError::NotAnswered);
+            }
+            if is_silent {
+                self.leave(group).await;
             }
         }
     }
 
-    fn tell_of_half_plugged(&self, DevicePort { station, port }: DevicePort) {
-        if let Some(device) = self.device_at(station) {
+    fn tell_of_half_plugged(&self, DevicePort { device, port }: DevicePort) {
+        let first = self.first_place();
+        let line = self.recovery.line.borrow();
+        let lasting = line.devices.get(device).cloned();
+        let device = lasting.or_else(|| {
+            let place = device.checked_sub(line.devices.len())? + first;
+            let member = self.recovery.devices.get(place)?;
+            Some(DriveId::clone(&member.id))
+        });
+        if let Some(device) = device {
             self.tell(NetworkEvent::HalfPlugged { device, port });
         }
     }
 
-    /// The addresses of all devices that may be there: of a group that has left as a whole, one may answer still.
-    fn stations(&self) -> impl Iterator<Item = u16> {
+    /// How many devices there are at most.
+    fn devices(&self) -> usize {
         let members: usize = self.groups.iter().map(|group| group.places.len()).sum();
-        (0..self.lasting() + members).map(KnownLine::station_of)
-    }
-
-    fn lasting(&self) -> usize {
-        self.recovery.line.borrow().devices.len()
-    }
-
-    fn device_at(&self, station: u16) -> Option<DriveId> {
-        let line = self.recovery.line.borrow();
-        let mut lasting = line.devices.iter();
-        let mut stations = (0..).map(KnownLine::station_of);
-        let lasting = lasting.find(|_| stations.next() == Some(station));
-        let first = self.groups.iter().find(|group| {
-            let mut places = group.places.clone();
-            places.any(|place| self.station(place) == station)
-        });
-        lasting.or(first.map(|group| &group.first)).cloned()
+        self.lasting() + members
     }
 }

@@ -203,7 +203,7 @@ impl Network {
         let group = groups.find(|group| group.name == name);
         let names = self.groups.iter().map(|group| group.name.as_str());
         let group = group.ok_or_else(|| unknown("optional group", name, names))?;
-        Ok(HotConnect::new(Arc::clone(group), self.clock()))
+        Ok(group.handle(self.clock()))
     }
 
     /// The time of the cycles: to wait for the next inputs, and for pauses.
@@ -870,7 +870,7 @@ impl Network {
         async move {
             let stops = axes.iter().map(|axis| axis.stopped_within(stop, within));
             let failed = all_of(stops).await.into_iter().filter_map(Result::err);
-            // What a tool does that is not in the line, nobody sees.
+            // A tool that is not in the line cannot be seen to stop.
             let stands = |error: &AxisError| {
                 let failure = error.failure();
                 matches!(failure, Some(Failure::Fault { .. } | Failure::Absent))

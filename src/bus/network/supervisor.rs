@@ -1,11 +1,6 @@
 //! The future that leads a network through its life: bring-up, watching over the AL states, the end in order.
 
-use std::{
-    cell::{Cell, RefCell},
-    rc::Rc,
-    sync::Arc,
-    time::Duration,
-};
+use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 
 use async_task::Task;
 use smol::{channel::Sender, lock::Mutex};
@@ -138,8 +133,6 @@ struct Running {
     /// Whose clock is the reference.
     reference: Option<Arc<DriveId>>,
     recovery: Rc<Recovery>,
-    /// The AL states of the line OR-ed together and how many they are, when all is well.
-    usual: Rc<Cell<Option<(u8, u16)>>>,
     connecting: HotConnecting,
 }
 
@@ -231,22 +224,13 @@ async fn start(
         devices: recovery::members(devices, reference.as_deref()),
         search: Mutex::new(()),
     });
-    let usual = Rc::new(Cell::new(None));
     let mut declared = declared.into_iter();
     let of_groups = of_groups.into_iter().zip(&to_program.groups);
-    let of_groups = of_groups.map(|((first, places), state)| Group {
-        state: Arc::clone(state),
-        first,
-        declared: declared.by_ref().take(places.len()).collect(),
-        places,
-        trouble: RefCell::default(),
+    let of_groups = of_groups.map(|((first, places), state)| {
+        let declared = declared.by_ref().take(places.len()).collect();
+        Group::new(Arc::clone(state), first, places, declared)
     });
-    let connecting = HotConnecting {
-        recovery: Rc::clone(&recovery),
-        groups: of_groups.collect(),
-        usual: Rc::clone(&usual),
-        strangers: RefCell::default(),
-    };
+    let connecting = HotConnecting::new(Rc::clone(&recovery), of_groups.collect());
     connecting.begin().await?;
     let running = Running {
         axes,
@@ -255,7 +239,6 @@ async fn start(
         lasting,
         reference,
         recovery,
-        usual,
         connecting,
     };
     Ok((running, to_program))
@@ -338,7 +321,7 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
         }
         let Some(seen) = al_status else { continue };
         // A drive that has fallen before the first look is not normal: SubDevices that nobody has declared are in PREOP.
-        let usual = &running.usual;
+        let usual = &running.connecting.usual;
         if usual.get().is_none() && !wrong && seen.0 & FALLEN == 0 {
             usual.set(Some(seen));
         }

@@ -1,4 +1,4 @@
-//! What the line is made of beside its devices, as options of the program: station aliases, and cables that are out for a time.
+//! Options of the program for the line as a whole: station aliases, and cables that are out for a time.
 
 use std::str::FromStr;
 use std::time::Duration;
