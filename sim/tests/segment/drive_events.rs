@@ -27,6 +27,33 @@ fn a_fault_of_an_axis_sends_its_emergency_and_shows_in_the_error_register() {
     assert_eq!(master.upload(0x683F, 0), Ok(vec![0x20, 0x73]));
 }
 
+/// CiA 301, object 1001h: generic error in bit 0, then current, voltage, temperature, communication, device profile, and bit 7 for the
+/// manufacturer's.
+#[test]
+fn an_emergency_names_the_group_of_its_error_in_the_register() {
+    for (code, register) in [
+        (0x2310_u16, 0x03),
+        (0x3220, 0x05),
+        (0x4310, 0x09),
+        (0x8130, 0x11),
+        (0x8611, 0x21),
+        (0xFF01, 0x81),
+        (0x7320, 0x01),
+    ] {
+        let mut master = in_op(0x24);
+        master.cycle(&[0; 38]);
+        let axis = master.segment.axis_mut(0, 1).unwrap();
+        axis.inject_fault(code);
+        for _ in 0..20 {
+            master.cycle(&[0; 38]);
+        }
+        let (_, mail) = master.fetch().expect("an emergency");
+        let [low, high] = code.to_le_bytes();
+        assert_eq!(mail[2..5], [low, high, register], "{code:04X}h");
+        assert_eq!(master.upload(0x1001, 0), Ok(vec![register]), "{code:04X}h");
+    }
+}
+
 #[test]
 fn a_sync_manager_that_is_switched_off_in_op_takes_the_drive_to_preop() {
     let mut master = in_op(0x24);
