@@ -9,6 +9,7 @@ use crate::{
     coe::{DriveId, ErrorTexts, ObjectAddress, SdoError, obj},
     ds402::{Controlword, Statusword},
     pdo_map::LayoutError,
+    profile_position::WHY_MISSED,
     units::{AxisUnit, Counts, Scale, ScaleError},
 };
 
@@ -242,7 +243,7 @@ impl ErrorUnit {
         match *failure {
             Failure::MissedTarget { target, actual } => write!(
                 f,
-                "the drive reports its target reached but stands at {} {name} instead of {} {name}: look for a limit in the drive",
+                "the drive reports its target reached but stands at {} {name} instead of {} {name}: {WHY_MISSED}",
                 at(actual.into()),
                 at(target.into())
             ),

@@ -101,6 +101,10 @@ pub enum FailureClass {
     Late,
 }
 
+/// Where to look after [`Failure::MissedTarget`].
+pub(crate) const WHY_MISSED: &str =
+    "look for a limit in the drive, and after a distance compare `Traits::relative_base`";
+
 /// What is not known of a move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -133,21 +137,24 @@ impl Doubt {
     const fn text(self) -> &'static str {
         match self {
             Self::Unacknowledged => {
-                "the drive has not acknowledged the move in time (bit 12), and whether it executes it is not known: stop() before the next"
+                "the drive has not acknowledged the move in time (bit 12), and whether it executes it is not known: stop() before the next, and \
+                 compare `Traits::buffer_signal`, after a halt `Traits::acknowledges_while_halted`"
             }
             Self::NotBegun => {
                 "the drive has acknowledged the move and has not begun it, and may begin at any time: stop() it, and look for a brake or an \
-                 input that holds the axis"
+                 input that holds the axis; after a halt, compare `Traits::halt_keeps_set_point`"
             }
             Self::StillLow => {
                 "the axis stands at its target and the drive does not report it (bit 10): stop() before the next move, and compare the drive's \
                  position window 6067h"
             }
             Self::Unseen => {
-                "the drive has gone on to the next move, and no sample shows the axis at this one's target"
+                "the drive has gone on to the next move, and no sample shows the axis at this one's target: look for lost frames and for a limit \
+                 in the drive, and compare `Traits::after_current`, `Traits::blend` and `Traits::buffer_signal`"
             }
             Self::EndUnknown => {
-                "the drive has ended the distance, and what it counts from is not documented: look for a limit in the drive"
+                "the drive has ended the distance, and what it counts from is not documented: look for a limit in the drive, \
+                 and set `Traits::relative_base` where you know it"
             }
         }
     }
@@ -292,7 +299,7 @@ pub enum Failure {
     NotHeld,
     /// The drive says target reached and stands elsewhere: it has limited the move.
     #[error(
-        "the drive reports its target reached but stands at {actual} instead of {target}: look for a limit in the drive"
+        "the drive reports its target reached but stands at {actual} instead of {target}: {WHY_MISSED}"
     )]
     MissedTarget {
         /// The position asked for.

@@ -28,7 +28,7 @@ pub(crate) use events::{CommandId, Completion, Event};
 pub(crate) use evidence::Eyes;
 pub(crate) use evidence::{Bit, Cycle, Evidence, Rules, ShownBit};
 pub(crate) use failure::{
-    Delivery, Doubt, Failure, Inhibit, ParameterFault, Unrest, Unsupported, WaitingFor,
+    Delivery, Doubt, Failure, Inhibit, ParameterFault, Unrest, Unsupported, WHY_MISSED, WaitingFor,
 };
 pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, MinVelocity, PositionRange};
 use observer::{Behind, HeldSetPoint, Known, Observer, OnItsWay};

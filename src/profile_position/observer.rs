@@ -366,14 +366,6 @@ impl Observer {
                 entry.begin.pass(cycle.elapsed);
             }
         }
-        if cycle.halted {
-            // S7: bit 10 says nothing of set-points, and their time does not run.
-            self.restart_times(rules);
-            for entry in self.entries.iter_mut().flatten() {
-                (entry.seen, entry.begun) = (rules.seen(), rules.seen());
-            }
-            return;
-        }
         let (reached, settle) = (evidence.reached, rules.bounds.settle);
         let bounds = rules.bounds;
         let half_way = bounds.turn.is_none() && self.is_half_way(evidence, bounds) == Some(true);
@@ -381,6 +373,13 @@ impl Observer {
         self.rest.update(rests, rules.begin, cycle.elapsed);
         self.high.update(reached.is_high(), settle, cycle.elapsed);
         self.beyond.update(half_way, settle, cycle.elapsed);
+        if cycle.halted {
+            // S7: bit 10 says nothing of set-points, and their time does not run.
+            self.restart_times(rules);
+            for entry in self.entries.iter_mut().flatten() {
+                (entry.seen, entry.begun) = (rules.seen(), rules.seen());
+            }
+        }
     }
 
     /// Times of the set-points begin anew.

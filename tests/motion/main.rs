@@ -9,6 +9,7 @@ mod plant;
 
 use common::{differential, frames};
 
+mod against_traits;
 mod arithmetic;
 mod drives;
 mod enabling;

@@ -25,6 +25,8 @@ pub enum Bit5 {
     Replaces,
     /// 1 passes the active target without stopping, then goes on; nothing replaces; only with 6086h = 0 (AX2000).
     Blends,
+    /// It is ignored, and bit 9 too: each set-point replaces the active one at once.
+    Ignored,
 }
 
 /// What happens to a set-point with bit 5 = 0 that comes while another one runs.

@@ -202,6 +202,7 @@ impl Axis {
         let bit = |n: u16| controlword & (1 << n) != 0;
         let linear = self.objects.value(objects::PROFILE_TYPE) == 0;
         let (replaces, blend) = match (self.behaviour.bit_5, self.positioning().change) {
+            (Bit5::Ignored, _) => (true, false),
             (Bit5::Blends, _) => (false, bit(5) && linear),
             (Bit5::Replaces, Change::AtOnce) if bit(5) => (true, false),
             (Bit5::Replaces, Change::ThroughTarget) if bit(5) => (false, true),
