@@ -24,9 +24,7 @@ use self::tree::{Sources, Tree};
 
 /// So many tests that wait in real time run beside the others: up to half a minute for what a mutant keeps from coming.
 const REAL_TIME_JOBS: usize = 2;
-const REAL_TIME: [&str; 4] = ["interop", "links", "threads", "paused_log"];
-/// Of these only the tests that are named run without a mutant: other masters wait in real time.
-const OTHER_MASTERS: [&str; 1] = ["interop"];
+const REAL_TIME: [&str; 3] = ["links", "threads", "paused_log"];
 /// So many of what took longest are named at the end.
 const SLOWEST: usize = 10;
 
@@ -38,7 +36,7 @@ pub(crate) struct Args {
     /// Only checks that each row has its place in the code, and a test.
     #[arg(long)]
     check: bool,
-    /// Also runs each suite as a whole without a mutant, and not only the tests that rows name.
+    /// Also runs each suite without a mutant: that the tests pass is else known from the tree itself.
     #[arg(long)]
     suites: bool,
     /// So many tests run at a time; as many as there are processors by default.
@@ -71,7 +69,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         sources: &sources,
         tree: Tree::new(&root.join("target/mutants")),
         jobs,
-        whole: args.suites,
+        suites: args.suites,
         faults: Mutex::new(faults),
         times: Mutex::default(),
     };
@@ -170,8 +168,8 @@ struct Work<'a> {
     sources: &'a Sources<'a>,
     tree: Tree,
     jobs: usize,
-    /// Each suite passes as a whole without a mutant, not only the tests that are named.
-    whole: bool,
+    /// Each suite passes without a mutant.
+    suites: bool,
     faults: Mutex<Vec<Fault>>,
     /// How long each suite and each row took.
     times: Mutex<Vec<(Duration, String)>>,
@@ -186,7 +184,10 @@ impl Work<'_> {
             .flat_map(|mutant| self.mutants[*mutant].tests.keys())
             .collect();
         let (executables, without) = self.build(&targets)?;
-        let suites = targets.iter().map(|target| Job::Suite(target));
+        let suites = targets
+            .iter()
+            .filter(|_| self.suites)
+            .map(|target| Job::Suite(target));
         let built = chosen
             .iter()
             .filter(|mutant| !without.contains(&self.mutants[**mutant].number()));
@@ -302,8 +303,7 @@ impl Work<'_> {
             target,
             path,
         };
-        let whole = self.whole && !OTHER_MASTERS.contains(&target.name.as_str());
-        let passed = executable.without_mutant(&needed, whole)?;
+        let passed = executable.without_mutant(&needed)?;
         self.took(begun, format!("{target} without a mutant"));
         match passed {
             Ok(()) => println!(

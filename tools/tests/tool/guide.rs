@@ -49,24 +49,8 @@ fn commands(page: &str) -> Vec<String> {
         .collect()
 }
 
-#[test]
-fn every_command_of_the_guide_does_what_the_page_says() {
-    if !inside_namespace("guide::every_command_of_the_guide_does_what_the_page_says") {
-        return;
-    }
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let pages = pages(&root.join("docs/guide"));
-    assert!(pages.len() > 4, "{} pages", pages.len());
-    let tool = fs::read_to_string(root.join("docs/tool.md")).unwrap();
-    let prompts = tool.lines().filter_map(|line| line.strip_prefix("$ "));
-    let guide = pages.iter().flat_map(|page| commands(page));
-    let commands: Vec<_> = guide.chain(prompts.map(str::to_owned)).collect();
-    // One starts the simulated line, as here, and the tests of the workspace are run with this one.
-    let simulator = "servocrab-sim --interface drive0";
-    let tests = "cargo test -p servocrab-attach --test pick_and_place";
-    for others in [simulator, tests] {
-        assert!(commands.iter().any(|command| command == others), "{others}");
-    }
+/// What each of them says: its kind, once for all.
+fn run(commands: &[String]) -> BTreeSet<String> {
     veth_pair("eth0", "drive0");
     let program = Path::new(TOOL).with_file_name("servocrab-sim");
     let line = ["akd2g", "sigma7"];
@@ -74,7 +58,7 @@ fn every_command_of_the_guide_does_what_the_page_says() {
     let home = tempfile::tempdir().unwrap();
 
     let mut ran = BTreeSet::new();
-    for command in &commands {
+    for command in commands {
         let Some(arguments) = command.strip_prefix("servocrab ") else {
             continue;
         };
@@ -102,14 +86,63 @@ fn every_command_of_the_guide_does_what_the_page_says() {
             "{command}: {said}{errors}"
         );
         ran.insert(kind.to_owned());
+        // What a page goes on with.
+        let written = match kind {
+            "init" => Some("machine.toml"),
+            "params" => Some("drive.toml"),
+            _ => None,
+        };
+        if let Some(file) = written {
+            let there = fs::metadata(home.path().join(file)).unwrap();
+            assert!(there.len() > 100, "{file}");
+        }
     }
-    for file in ["machine.toml", "drive.toml"] {
-        let there = fs::metadata(home.path().join(file)).unwrap();
-        assert!(there.len() > 100, "{file}");
+    ran
+}
+
+fn read(path: &str) -> String {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    fs::read_to_string(root.join(path)).unwrap()
+}
+
+#[test]
+fn every_command_of_the_guide_does_what_the_page_says() {
+    if !inside_namespace("guide::every_command_of_the_guide_does_what_the_page_says") {
+        return;
     }
+    let pages = pages(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/guide"));
+    assert!(pages.len() > 4, "{} pages", pages.len());
+    let commands: Vec<_> = pages.iter().flat_map(|page| commands(page)).collect();
+    // One starts the simulated line, as here, and the tests of the workspace are run with this one.
+    let simulator = "servocrab-sim --interface drive0";
+    let tests = "cargo test -p servocrab-attach --test pick_and_place";
+    for others in [simulator, tests] {
+        assert!(commands.iter().any(|command| command == others), "{others}");
+    }
+    let ran = run(&commands);
+    for kind in ["scan", "doctor", "report", "init", "params", "check", "od"] {
+        assert!(ran.contains(kind), "{kind}: {ran:?}");
+    }
+}
+
+#[test]
+fn every_command_of_the_tools_page_does_what_it_says() {
+    if !inside_namespace("guide::every_command_of_the_tools_page_does_what_it_says") {
+        return;
+    }
+    let tool = read("docs/tool.md");
+    let prompts = tool.lines().filter_map(|line| line.strip_prefix("$ "));
+    // It compares with a backup that the guide makes.
+    let backup = "servocrab params --interface eth0 --drive 1 backup drive.toml";
+    assert!(read("docs/guide/service.md").contains(backup));
+    let commands: Vec<_> = [backup]
+        .into_iter()
+        .chain(prompts)
+        .map(str::to_owned)
+        .collect();
+    let ran = run(&commands);
     for kind in [
-        "scan", "doctor", "report", "init", "params", "check", "od", "move", "jog", "watch",
-        "eeprom",
+        "scan", "params", "check", "od", "move", "jog", "watch", "eeprom",
     ] {
         assert!(ran.contains(kind), "{kind}: {ran:?}");
     }
