@@ -251,6 +251,8 @@ pub(super) const SUPPORTED_MODES: Address = (0x6502, 0);
 #[derive(Debug, Clone)]
 pub(super) struct Objects {
     entries: Arc<[Entry]>,
+    /// Their addresses, close to each other: they are searched many times in a cycle.
+    keys: Arc<[u32]>,
     values: Vec<i64>,
     profile_types: &'static [i16],
     /// What 6098h takes; none takes all of its type.
@@ -274,6 +276,7 @@ impl Objects {
         }
         entries.sort_by_key(Entry::address);
         let mut objects = Objects {
+            keys: entries.iter().map(|entry| key(entry.address())).collect(),
             values: entries.iter().map(|entry| entry.default).collect(),
             entries: entries.into(),
             profile_types: behaviour.profile_types,
@@ -362,10 +365,13 @@ impl Objects {
     }
 
     fn slot(&self, address: Address) -> Option<usize> {
-        self.entries
-            .binary_search_by_key(&address, Entry::address)
-            .ok()
+        self.keys.binary_search(&key(address)).ok()
     }
+}
+
+/// In the order of the addresses.
+fn key((index, subindex): Address) -> u32 {
+    u32::from(index) << 8 | u32::from(subindex)
 }
 
 /// 60E3h, the list of homing methods.
