@@ -44,7 +44,7 @@ impl<T> core::hash::Hash for Aside<T> {
 
 /// When the cycles with inputs came. Those that were left out since the last one that was noted had inputs, too.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct CycleTiming {
+struct CycleTiming {
     at: u64,
     number: u64,
     /// From one to the next.

@@ -1,6 +1,6 @@
 //! A drive that does otherwise than its traits say: the outcome that shows it names the trait.
 
-use servocrab::axis::{Command, CommandId, Delivery};
+use servocrab::axis::{Command, CommandId};
 use servocrab::profile_position::{BufferSignal, Limits, RelativeBase, Traits};
 use servocrab::{BufferMode, Doubt, Failure, SetPoint};
 use servocrab_sim::ds402::{AckPolicy, Behaviour, Bit5, RelativeBase as Base, WhileHalted};
