@@ -518,7 +518,7 @@ type Place = Option<Served>;
 
 /// Where a caller waits for its answer.
 #[derive(Debug)]
-pub(super) struct CallSlot {
+struct CallSlot {
     /// Room for one.
     answer: ArrayQueue<Answer>,
     caller: AtomicWaker,

@@ -27,8 +27,10 @@ pub(crate) use events::{CommandId, Completion, Event};
 #[cfg(test)]
 pub(crate) use evidence::Eyes;
 pub(crate) use evidence::{Bit, Cycle, Evidence, Rules, ShownBit};
+#[cfg(feature = "std")]
+pub(crate) use failure::WHY_MISSED;
 pub(crate) use failure::{
-    Delivery, Doubt, Failure, Inhibit, ParameterFault, Unrest, Unsupported, WHY_MISSED, WaitingFor,
+    Delivery, Doubt, Failure, Inhibit, ParameterFault, Unrest, Unsupported, WaitingFor,
 };
 pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, MinVelocity, PositionRange};
 use observer::{Behind, HeldSetPoint, Known, Observer, OnItsWay};
