@@ -501,7 +501,8 @@ impl Observer {
             let waits = self.worlds.has(Worlds::WAITING.and(own));
             // Until the first has begun, from rest, bit 10 may be high.
             let is_fresh = waits && entry.behind == Behind::Nothing && !entry.turns;
-            let elsewhere = !cycle.halted && !is_fresh && evidence.reached.shows_high() && !at_end;
+            let may_be_over = evidence.reached.shows_high() || worlds.has(Worlds::DONE.and(own));
+            let elsewhere = !cycle.halted && !is_fresh && may_be_over && !at_end;
             let doubtful = (has_follower && elsewhere) || (follower.is_some() && evidence.blind);
             let passes = follower != Some(BufferMode::Buffered);
             let met = at_end || (passes && entry.ends.are_met(before, position, bounds));

@@ -45,16 +45,15 @@ impl Scenario {
                     && bits(issued) == Some(latch.out.word & START_BITS)
                     && issued.a_move.map(|a_move| a_move.target) == Some(latch.out.target)
             });
-            let mut pending = self.pending.iter().map(|id| *id as usize);
-            let hold = pending.find(|id| {
-                let hold = &self.issued[*id];
+            // A fault that is shown while it is on its way ends it, and the drive may take it when it is back from that.
+            let hold = self.issued.iter().rposition(|hold| {
                 let waits = hold.kind == Kind::Hold && hold.sent && hold.latch.is_none();
                 waits && latch.out.word & START_BITS == 0x20
             });
-            if let Some(hold) = hold {
-                self.issued[hold].latch = Some(index);
-            } else if own.is_some() {
+            if own.is_some() {
                 self.issued[name as usize].latch = Some(index);
+            } else if let Some(hold) = hold {
+                self.issued[hold].latch = Some(index);
             } else if self.is_inside() {
                 let what =
                     format!("the drive has taken {latch:?}, which nobody asked for, or twice");
