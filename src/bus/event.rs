@@ -76,8 +76,8 @@ pub enum NetworkEvent {
     },
     /// A device was plugged in that is not declared. It stays in INIT.
     Stranger(Arc<Present>),
-    /// Frames do not come back from a port, or a device of another line takes part in them there. The port was closed again. It is tried again after 5 s, and then more and more
-    /// seldom; at once when its link has been away.
+    /// Frames do not come back from a port, or a device of another line takes part in them there. The port was closed again. It is tried
+    /// again after 5 s, and then more and more seldom; at once when its link has been away.
     HalfPlugged {
         /// The device with the port.
         device: DriveId,

@@ -311,12 +311,12 @@ fn without_power_at_any_step_the_old_image_is_there_or_can_be_restored_and_the_w
     // The wrong checksum, six other words, the right checksum.
     const STEPS: usize = 8;
     use Lost::{After, Meanwhile};
-    for (make, every) in [
-        (personality::generic as fn() -> Device, 1),
-        (personality::akd2g, STEPS - 1),
-        (personality::coupler, STEPS - 1),
+    for make in [
+        personality::generic as fn() -> Device,
+        personality::akd2g,
+        personality::coupler,
     ] {
-        for (step, lost, left) in (1..=STEPS).step_by(every).flat_map(|step| {
+        for (step, lost, left) in (1..=STEPS).flat_map(|step| {
             [Meanwhile, After].map(|lost| {
                 let left = if (step, lost) == (STEPS, After) {
                     "new"

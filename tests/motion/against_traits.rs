@@ -30,6 +30,17 @@ fn queued(rig: &mut Rig, next: i32, start: BufferMode) -> CommandId {
     first
 }
 
+/// A drive that replaces the active set-point whatever bits 5 and 9 say.
+fn ignoring_start_bits(named: &'static str, doing: fn(&mut Rig) -> CommandId) -> Row {
+    Row {
+        named,
+        does: |drive| drive.bit_5 = Bit5::Ignored,
+        says: |traits| traits.buffer_signal = BufferSignal::None,
+        doing,
+        shows: |failure| is_doubt(failure, Doubt::Unseen),
+    }
+}
+
 fn halted(rig: &mut Rig) -> CommandId {
     let id = rig.abs(50_000, SetPoint::new());
     rig.wait_accepted(id);
@@ -42,27 +53,15 @@ fn halted(rig: &mut Rig) -> CommandId {
 #[test]
 fn a_drive_that_does_otherwise_than_its_traits_say_is_told_with_the_trait() {
     let rows = [
-        Row {
-            named: "`Traits::after_current`",
-            does: |drive| drive.bit_5 = Bit5::Ignored,
-            says: |traits| traits.buffer_signal = BufferSignal::None,
-            doing: |rig| queued(rig, -5_000, BufferMode::Buffered),
-            shows: |failure| is_doubt(failure, Doubt::Unseen),
-        },
-        Row {
-            named: "`Traits::after_current`",
-            does: |drive| drive.bit_5 = Bit5::Ignored,
-            says: |traits| traits.buffer_signal = BufferSignal::None,
-            doing: |rig| queued(rig, 40_000, BufferMode::Buffered),
-            shows: |failure| is_doubt(failure, Doubt::Unseen),
-        },
-        Row {
-            named: "`Traits::blend`",
-            does: |drive| drive.bit_5 = Bit5::Ignored,
-            says: |traits| traits.buffer_signal = BufferSignal::None,
-            doing: |rig| queued(rig, -5_000, BufferMode::Blending),
-            shows: |failure| is_doubt(failure, Doubt::Unseen),
-        },
+        ignoring_start_bits("`Traits::after_current`", |rig| {
+            queued(rig, -5_000, BufferMode::Buffered)
+        }),
+        ignoring_start_bits("`Traits::after_current`", |rig| {
+            queued(rig, 40_000, BufferMode::Buffered)
+        }),
+        ignoring_start_bits("`Traits::blend`", |rig| {
+            queued(rig, -5_000, BufferMode::Blending)
+        }),
         Row {
             named: "`Traits::buffer_signal`",
             does: |_| {},

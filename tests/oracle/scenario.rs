@@ -20,6 +20,7 @@ use crate::habits::{Habit, Habits, Side};
 use crate::host::Host;
 use crate::laws::Watch;
 use crate::making::{Made, Program};
+use crate::outcome::is_unsent;
 use crate::random::Random;
 use crate::tally::Tally;
 use crate::words::{INPUT_BYTES, Outputs, Sample, State};
@@ -653,7 +654,9 @@ impl Scenario {
     }
 
     fn take_end(&mut self, id: u32, result: Result<Completion, Failure>) -> Result<(), ()> {
-        self.issued[id as usize].done = true;
+        let issued = &mut self.issued[id as usize];
+        issued.done = true;
+        issued.unsent = result.err().is_some_and(|failure| is_unsent(&failure));
         self.pending.retain(|pending| *pending != id);
         self.gated.retain(|gated| *gated != id);
         if self.jog == Some(id) {

@@ -36,7 +36,7 @@ pub(crate) struct Args {
     /// Only checks that each row has its place in the code, and a test.
     #[arg(long)]
     check: bool,
-    /// Also runs each suite without a mutant: that the tests pass is else known from the tree itself.
+    /// Also runs each suite as a whole without a mutant, and not only the tests that rows name.
     #[arg(long)]
     suites: bool,
     /// So many tests run at a time; as many as there are processors by default.
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         sources: &sources,
         tree: Tree::new(&root.join("target/mutants")),
         jobs,
-        suites: args.suites,
+        whole: args.suites,
         faults: Mutex::new(faults),
         times: Mutex::default(),
     };
@@ -168,8 +168,8 @@ struct Work<'a> {
     sources: &'a Sources<'a>,
     tree: Tree,
     jobs: usize,
-    /// Each suite passes without a mutant.
-    suites: bool,
+    /// Each suite passes as a whole without a mutant, not only the tests that are named.
+    whole: bool,
     faults: Mutex<Vec<Fault>>,
     /// How long each suite and each row took.
     times: Mutex<Vec<(Duration, String)>>,
@@ -184,10 +184,7 @@ impl Work<'_> {
             .flat_map(|mutant| self.mutants[*mutant].tests.keys())
             .collect();
         let (executables, without) = self.build(&targets)?;
-        let suites = targets
-            .iter()
-            .filter(|_| self.suites)
-            .map(|target| Job::Suite(target));
+        let suites = targets.iter().map(|target| Job::Suite(target));
         let built = chosen
             .iter()
             .filter(|mutant| !without.contains(&self.mutants[**mutant].number()));
@@ -303,7 +300,7 @@ impl Work<'_> {
             target,
             path,
         };
-        let passed = executable.without_mutant(&needed)?;
+        let passed = executable.without_mutant(&needed, self.whole)?;
         self.took(begun, format!("{target} without a mutant"));
         match passed {
             Ok(()) => println!(

@@ -1,12 +1,12 @@
-//! The searches that are longer than a run of all tests may be: the oracle within its fault model and beyond, the model check, emergencies.
+//! The searches that are longer than a run of all tests may be: the oracle within its fault model and beyond, the model check.
 
 use std::process::Command;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Searches with new seeds for what breaks a law: the oracle, the model check, emergencies.
+/// Searches with new seeds for what breaks a law: the oracle, the model check.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Two minutes in all, and no emergencies; without it the oracle lives through 10⁹ axis-cycles within its model, and a tenth of that beyond.
+    /// Two minutes in all; without it the oracle lives through 10⁹ axis-cycles within its model, and a tenth of that beyond.
     #[arg(long)]
     quick: bool,
     /// The first seed; without it a new one, which is printed.
@@ -90,13 +90,6 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
             target: "model",
             tests: "every_state_of_the_size",
             environment,
-        });
-    }
-    if !args.quick {
-        parts.push(Part {
-            target: "bus",
-            tests: "emergencies::moving::",
-            environment: vec![("EMERGENCY_EVERY", "1".to_owned())],
         });
     }
     let mut failed = Vec::new();

@@ -5,7 +5,7 @@ use servocrab::{Failure, axis::Completion};
 
 use crate::cable::Told;
 use crate::drive::{Ack, Base, End, Latch};
-use crate::outcome::{Class, is_unsent, leaves_open, name};
+use crate::outcome::{Class, leaves_open, name};
 use crate::scenario::{Issued, Kind, Scenario};
 use crate::words::{HALT, START_BITS};
 
@@ -45,14 +45,28 @@ impl Scenario {
                     && bits(issued) == Some(latch.out.word & START_BITS)
                     && issued.a_move.map(|a_move| a_move.target) == Some(latch.out.target)
             });
-            // A fault that is shown while it is on its way ends it, and the drive may take it when it is back from that.
-            let hold = self.issued.iter().rposition(|hold| {
+            let takes = |hold: &Issued| {
                 let waits = hold.kind == Kind::Hold && hold.sent && hold.latch.is_none();
                 waits && latch.out.word & START_BITS == 0x20
+            };
+            let mut pending = self.pending.iter().map(|id| *id as usize);
+            let hold = pending.find(|id| takes(&self.issued[*id]));
+            // A fault that is shown while the set-point of the last one is on its way ends that one, and the drive may take it when it is
+            // back from the fault.
+            let last = self
+                .issued
+                .iter()
+                .rposition(|issued| issued.kind == Kind::Hold);
+            let ended = last.filter(|id| {
+                let hold = &self.issued[*id];
+                let failed = hold.done && !hold.good && !hold.unsent;
+                takes(hold) && failed && latch.out.word & HALT != 0
             });
-            if own.is_some() {
+            if let Some(hold) = hold {
+                self.issued[hold].latch = Some(index);
+            } else if own.is_some() {
                 self.issued[name as usize].latch = Some(index);
-            } else if let Some(hold) = hold {
+            } else if let Some(hold) = ended {
                 self.issued[hold].latch = Some(index);
             } else if self.is_inside() {
                 let what =
@@ -235,9 +249,7 @@ impl Scenario {
         if let Some(law) = wrong {
             return self.broken(law, format!("{id} is {said:?}: {latch:?}"));
         }
-        let unsent = failure.is_some_and(|failure| is_unsent(&failure));
-        self.issued[id as usize].unsent = unsent;
-        if (unsent && latch.is_some()) || (said.is_ok() && !issued.accepted) {
+        if (issued.unsent && latch.is_some()) || (said.is_ok() && !issued.accepted) {
             let what = format!(
                 "{id} is {said:?}, accepted {}, and the drive has: {latch:?}",
                 issued.accepted

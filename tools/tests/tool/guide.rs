@@ -12,14 +12,19 @@ use crate::namespace::{inside_namespace, simulated_on, veth_pair};
 
 const TOOL: &str = env!("CARGO_BIN_EXE_servocrab");
 
-/// The pages, in the order of the guide's first.
-fn pages(guide: &Path) -> Vec<String> {
-    let first = fs::read_to_string(guide.join("README.md")).unwrap();
+fn read(page: &str) -> String {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    fs::read_to_string(docs.join(page)).unwrap()
+}
+
+/// The pages of the guide, in the order of its first.
+fn pages() -> Vec<String> {
+    let first = read("guide/README.md");
     let names = first.split('(').filter_map(|rest| rest.split_once(')'));
     let names = names.filter_map(|(name, _)| name.ends_with(".md").then_some(name));
     names
         .filter(|name| !name.starts_with(".."))
-        .map(|name| fs::read_to_string(guide.join(name)).unwrap())
+        .map(|name| read(&format!("guide/{name}")))
         .collect()
 }
 
@@ -49,7 +54,7 @@ fn commands(page: &str) -> Vec<String> {
         .collect()
 }
 
-/// What each of them says: its kind, once for all.
+/// Runs the commands in their order. Gives the kinds that ran.
 fn run(commands: &[String]) -> BTreeSet<String> {
     veth_pair("eth0", "drive0");
     let program = Path::new(TOOL).with_file_name("servocrab-sim");
@@ -86,7 +91,7 @@ fn run(commands: &[String]) -> BTreeSet<String> {
             "{command}: {said}{errors}"
         );
         ran.insert(kind.to_owned());
-        // What a page goes on with.
+        // Later commands read these.
         let written = match kind {
             "init" => Some("machine.toml"),
             "params" => Some("drive.toml"),
@@ -100,17 +105,12 @@ fn run(commands: &[String]) -> BTreeSet<String> {
     ran
 }
 
-fn read(path: &str) -> String {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    fs::read_to_string(root.join(path)).unwrap()
-}
-
 #[test]
 fn every_command_of_the_guide_does_what_the_page_says() {
     if !inside_namespace("guide::every_command_of_the_guide_does_what_the_page_says") {
         return;
     }
-    let pages = pages(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/guide"));
+    let pages = pages();
     assert!(pages.len() > 4, "{} pages", pages.len());
     let commands: Vec<_> = pages.iter().flat_map(|page| commands(page)).collect();
     // One starts the simulated line, as here, and the tests of the workspace are run with this one.
@@ -130,10 +130,10 @@ fn every_command_of_the_tools_page_does_what_it_says() {
     if !inside_namespace("guide::every_command_of_the_tools_page_does_what_it_says") {
         return;
     }
-    let tool = read("docs/tool.md");
+    let tool = read("tool.md");
     let prompts = tool.lines().filter_map(|line| line.strip_prefix("$ "));
     // It takes what the guide's page has written before.
-    let service = commands(&read("docs/guide/service.md"));
+    let service = commands(&read("guide/service.md"));
     let writes = |command: &String| command.contains(" init ") || command.contains(" backup ");
     let written = service.into_iter().filter(writes);
     let commands: Vec<_> = written.chain(prompts.map(str::to_owned)).collect();

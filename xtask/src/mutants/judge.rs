@@ -53,12 +53,16 @@ pub(crate) struct Executable<'a> {
 }
 
 impl Executable<'_> {
-    /// Runs the suite without a mutant, with all that is needed of it. Else what is wrong and what was printed.
+    /// Runs tests without a mutant: the whole suite, or only those that are needed. Else what is wrong and what was printed.
     pub(crate) fn without_mutant(
         &self,
         needed: &BTreeSet<&str>,
+        whole: bool,
     ) -> io::Result<Result<(), (Vec<String>, String)>> {
         let mut command = Command::new(self.path);
+        if !whole {
+            command.arg("--exact").args(needed);
+        }
         // That the suites that search find nothing in all of their worlds is shown before.
         command.envs([
             ("INVARIANT_CYCLES", "20000"),
